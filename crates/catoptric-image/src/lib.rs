@@ -1,0 +1,1 @@
+//! Linear images: EXR, HDR, PFM, PNG and JPEG in and out, exposure and tone map

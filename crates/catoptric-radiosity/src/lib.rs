@@ -1,0 +1,1 @@
+//! Pass one: patch mesh, form factor rows, solvers, refinement and the gather

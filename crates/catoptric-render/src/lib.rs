@@ -1,0 +1,1 @@
+//! Pass two: eye rays, irradiance look-up, anti-aliasing and layers

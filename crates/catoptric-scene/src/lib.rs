@@ -1,0 +1,1 @@
+//! The validated scene, and glTF in and out

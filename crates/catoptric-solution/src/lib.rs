@@ -1,0 +1,1 @@
+//! What both passes share: the display mesh and its irradiance, saved as glTF

@@ -1,0 +1,1 @@
+//! Ray tracing, the surface interaction and the S* walk
