@@ -1,1 +1,20 @@
-//! The validated scene, and glTF in and out
+//! The validated, immutable [`Scene`] in world space and linear light, and glTF in and out.
+//!
+//! Does not know patches, rays or trees. Only the [`gltf`] module knows the file format.
+
+pub mod camera;
+pub mod gltf;
+pub mod id;
+pub mod light;
+pub mod material;
+pub mod quantity;
+pub mod scene;
+pub mod texture;
+
+pub use camera::{Camera, Projection};
+pub use id::{MaterialId, SurfaceId, TextureId, TriangleId};
+pub use light::{PunctualKind, PunctualLight, Sky, SkyImage};
+pub use material::{AlphaMode, Material, MaterialReading, SurfacePoint, Transmission};
+pub use quantity::{Irradiance, Radiance, Radiosity, Rgb};
+pub use scene::{Barycentric, Scene, SceneIssue, SceneParts, Surface, Triangle, Vertex};
+pub use texture::{Texture, TextureRef, TextureTransform, Wrap};
