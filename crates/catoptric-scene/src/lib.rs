@@ -2,6 +2,7 @@
 //!
 //! Does not know patches, rays or trees. Only the [`gltf`] module knows the file format.
 
+pub mod builder;
 pub mod camera;
 pub mod gltf;
 pub mod id;

@@ -1,1 +1,21 @@
-//! Ray tracing, the surface interaction and the S* walk
+//! Ray tracing, the surface interaction and the S* walk.
+//!
+//! Does not know patches, meshes for display, solvers or cameras. The interaction of light with a surface exists once,
+//! in [`interaction`]; every pass drives it through [`walk`].
+
+pub mod chain;
+pub mod fresnel;
+pub mod interaction;
+pub mod ledger;
+pub mod medium;
+pub mod plane;
+pub mod sequence;
+pub mod tracer;
+mod tree;
+pub mod walk;
+
+pub use chain::{Chain, Event};
+pub use ledger::Ledger;
+pub use medium::{MediumId, MediumStack};
+pub use plane::{PlaneId, Planes};
+pub use tracer::{Hit, Ray, Tracer};

@@ -1,0 +1,84 @@
+//! Heckbert's path expressions, as far as ownership needs them: what happened between two diffuse ends.
+
+use crate::plane::PlaneId;
+
+/// What one specular event did to the direction of light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// A pane or blended alpha: straight on.
+    Undeviated,
+    /// Reflection at a plane that is large enough to have images.
+    Planar(PlaneId),
+    /// Reflection at a curved surface or a small facet, or any refraction.
+    Curved,
+}
+
+/// Planar reflections that a chain remembers.
+pub const MAX_PLANAR: usize = 6;
+
+/// The events of a path between two diffuse ends, in the order in which they were met.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Chain {
+    planes: [PlaneId; MAX_PLANAR],
+    planar: u16,
+    curved: bool,
+    length: u16,
+}
+
+impl Default for Chain {
+    fn default() -> Self {
+        Self::DIRECT
+    }
+}
+
+impl Chain {
+    /// No event yet.
+    pub const DIRECT: Self =
+        Self { planes: [PlaneId::NONE; MAX_PLANAR], planar: 0, curved: false, length: 0 };
+
+    /// Appends an event.
+    #[inline]
+    pub fn push(&mut self, event: Event) {
+        self.length = self.length.saturating_add(1);
+        match event {
+            Event::Undeviated => {}
+            Event::Curved => self.curved = true,
+            Event::Planar(plane) => {
+                if let Some(slot) = self.planes.get_mut(usize::from(self.planar)) {
+                    *slot = plane;
+                }
+                self.planar = self.planar.saturating_add(1);
+            }
+        }
+    }
+
+    /// Whether any event was curved or refracting.
+    #[inline]
+    pub fn is_curved(&self) -> bool {
+        self.curved
+    }
+
+    /// Number of planar reflections.
+    #[inline]
+    pub fn planar_count(&self) -> usize {
+        usize::from(self.planar)
+    }
+
+    /// Number of all events.
+    #[inline]
+    pub fn len(&self) -> usize {
+        usize::from(self.length)
+    }
+
+    /// Whether nothing happened.
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        self.length == 0
+    }
+
+    /// The planes of the planar reflections in order, `None` if there were more than are remembered.
+    #[inline]
+    pub fn planes(&self) -> Option<&[PlaneId]> {
+        self.planes.get(..usize::from(self.planar))
+    }
+}

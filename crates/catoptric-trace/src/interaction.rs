@@ -1,0 +1,336 @@
+//! What a surface does to light, once, for every pass: directions, Fresnel, power throughput, event.
+//!
+//! Conventions (DESIGN §1): an opaque single-sided surface is black from behind; panes and blended surfaces act from
+//! both sides; a solid's border acts by its geometric normal; a coat transmits T(θ) = 1 − s·F(θ) on the way in and on
+//! the way out, so its diffuse side receives H_T = ∫ L·T·cosθ dω and sends T(θ)·B/π (Mitsuba's `plastic`, nonlinear:
+//! f_d = ρ·T(θi)·T(θo)/(π·N)).
+
+use glam::Vec3;
+
+use catoptric_scene::{AlphaMode, Radiance, Rgb, SurfacePoint, Transmission, TriangleId};
+
+use crate::chain::Event;
+use crate::fresnel;
+use crate::medium::{MediumId, MediumStack};
+use crate::tracer::{Hit, Tracer};
+
+/// A side of a triangle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Side {
+    /// Corners appear counter-clockwise.
+    Front,
+    /// The other one.
+    Back,
+}
+
+impl Side {
+    /// 0 for the front, 1 for the back.
+    #[inline]
+    pub fn index(self) -> usize {
+        self as usize
+    }
+
+    /// `normal` (of the front) on this side.
+    #[inline]
+    pub fn orient(self, normal: Vec3) -> Vec3 {
+        match self {
+            Side::Front => normal,
+            Side::Back => -normal,
+        }
+    }
+
+    /// The other side.
+    #[inline]
+    pub fn opposite(self) -> Self {
+        match self {
+            Side::Front => Side::Back,
+            Side::Back => Side::Front,
+        }
+    }
+}
+
+/// One way in which light goes on.
+#[derive(Clone, Copy, Debug)]
+pub struct Branch {
+    /// Unit direction.
+    pub direction: Vec3,
+    /// Share of the power, per channel.
+    pub throughput: Rgb,
+    /// What happened.
+    pub event: Event,
+    /// Media after the event.
+    pub media: MediumStack,
+}
+
+/// The ways of light at one hit.
+#[derive(Clone, Copy, Debug)]
+pub struct Interaction {
+    /// The side that was hit.
+    pub side: Side,
+    /// Unit shading normal on that side (interpolated where the mesh is smooth).
+    pub normal: Vec3,
+    /// Unit geometric normal on that side.
+    pub geometric: Vec3,
+    /// Weight with which light arrives at the diffuse side: opacity × T(θ); 0 where there is none.
+    pub receives: f32,
+    /// Effective diffuse reflectance: B = reflectance × H (for coats: of H_T, sent with T(θ)).
+    pub reflectance: Rgb,
+    /// Lambertian transmittance to the other side.
+    pub transmittance: Rgb,
+    /// Radiance emitted towards the ray's origin.
+    pub emission: Radiance,
+    /// Share that is absorbed because a reflected or refracted direction lies below the geometric surface.
+    pub below: Rgb,
+    branches: [Branch; 3],
+    count: usize,
+}
+
+impl Interaction {
+    /// The ways in which light goes on.
+    #[inline]
+    pub fn branches(&self) -> &[Branch] {
+        &self.branches[..self.count]
+    }
+
+    /// Σ of the branches' throughputs.
+    #[inline]
+    pub fn passed_on(&self) -> Rgb {
+        self.branches().iter().map(|b| b.throughput).sum()
+    }
+
+    #[inline]
+    fn push(&mut self, branch: Branch) {
+        if branch.throughput.max_element() > 0.0 {
+            self.branches[self.count] = branch;
+            self.count += 1;
+        }
+    }
+}
+
+/// What a diffuse side of a triangle is made of at a point, without a ray.
+#[derive(Clone, Copy, Debug)]
+pub struct DiffuseSide {
+    /// Effective reflectance of H (or H_T).
+    pub reflectance: Rgb,
+    /// Lambertian transmittance to the other side.
+    pub transmittance: Rgb,
+    /// Coat over it, for T(θ).
+    pub coat: Coat,
+    /// α.
+    pub opacity: f32,
+    /// Emitted radiance of this side.
+    pub emission: Radiance,
+}
+
+/// The dielectric interfaces over a diffuse side.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coat {
+    /// Strength of the material's own interface.
+    pub strength: f32,
+    /// Its index.
+    pub ior: f32,
+    /// Strength of the clearcoat.
+    pub clearcoat: f32,
+}
+
+/// Index of refraction of KHR_materials_clearcoat.
+const CLEARCOAT_IOR: f32 = 1.5;
+
+impl Coat {
+    /// Nothing over it.
+    pub const NONE: Self = Self { strength: 0.0, ior: 1.5, clearcoat: 0.0 };
+
+    /// T(θ).
+    #[inline]
+    pub fn transmittance(&self, cos: f32) -> f32 {
+        if self.strength == 0.0 && self.clearcoat == 0.0 {
+            return 1.0;
+        }
+        let under = 1.0 - self.strength * fresnel::refract(cos, 1.0, self.ior).reflectance;
+        let over = 1.0 - self.clearcoat * fresnel::refract(cos, 1.0, CLEARCOAT_IOR).reflectance;
+        under * over
+    }
+
+    /// Whether there is any.
+    #[inline]
+    pub fn is_none(&self) -> bool {
+        self.strength == 0.0 && self.clearcoat == 0.0
+    }
+}
+
+impl Tracer<'_> {
+    /// The diffuse side of a surface at a point. `None` where that side does not exist: it is black, or ideal.
+    pub fn diffuse_side(
+        &self,
+        triangle: TriangleId,
+        point: &SurfacePoint,
+        side: Side,
+    ) -> Option<DiffuseSide> {
+        if side == Side::Back && !self.has_back(triangle) {
+            return None;
+        }
+        let coat = Coat { strength: point.coat, ior: point.ior, clearcoat: point.clearcoat };
+        let reflectance = self.effective_reflectance(triangle, point, &coat);
+        Some(DiffuseSide {
+            reflectance,
+            transmittance: point.diffuse_transmission,
+            coat,
+            opacity: point.opacity,
+            emission: point.emission * point.opacity,
+        })
+    }
+
+    /// ρ/N with N = T̄ + (1 − ρ)·s·n²·F_int: for a full coat (s = 1) this is n²(1 − ρF_int), since
+    /// n²(1 − F_int) = T̄; for none it is 1; at ρ = 1 no power is lost for any s.
+    #[inline]
+    fn effective_reflectance(&self, triangle: TriangleId, point: &SurfacePoint, coat: &Coat) -> Rgb {
+        if coat.is_none() {
+            return point.diffuse;
+        }
+        let own = self.coat_averages(triangle);
+        let n2 = point.ior * point.ior;
+        let clear = self.clearcoat_averages();
+        let mean = (1.0 - coat.strength * own.external) * (1.0 - coat.clearcoat * clear.external);
+        let trapped = coat.strength * n2 * own.internal
+            + coat.clearcoat * CLEARCOAT_IOR * CLEARCOAT_IOR * clear.internal;
+        let share = point.coat_share.max(1e-6);
+        let rho = (point.diffuse / share).min(Rgb::ONE);
+        let normaliser = Rgb::splat(mean) + (Rgb::ONE - rho) * trapped;
+        point.diffuse / normaliser
+    }
+
+    /// What happens to light that travels along `direction` in `media` and meets `hit`.
+    pub fn interact(&self, direction: Vec3, hit: &Hit, media: MediumStack) -> Interaction {
+        let scene = self.scene();
+        let side = if hit.back { Side::Back } else { Side::Front };
+        let geometric = side.orient(scene.geometric_normal(hit.triangle));
+        let normal = side.orient(scene.shading_normal(hit.triangle, hit.at));
+        let nothing = Branch { direction, throughput: Rgb::ZERO, event: Event::Undeviated, media };
+        let mut result = Interaction {
+            side,
+            normal,
+            geometric,
+            receives: 0.0,
+            reflectance: Rgb::ZERO,
+            transmittance: Rgb::ZERO,
+            emission: Radiance::ZERO,
+            below: Rgb::ZERO,
+            branches: [nothing; 3],
+            count: 0,
+        };
+        let point = scene.surface_point(hit.triangle, hit.at);
+        let material = scene.material_of(hit.triangle);
+        let acts_behind = self.has_back(hit.triangle);
+        let solid = point.transmission > 0.0 && point.transmission_kind == Transmission::Solid;
+        let straight_alpha = 1.0 - point.opacity;
+
+        // Opaque parts of a single-sided surface are black from behind; panes and solids act from both sides.
+        let visible = side == Side::Front || acts_behind;
+        let body = if visible { 1.0 } else { 0.0 };
+        let cos = (-direction.dot(normal)).clamp(0.0, 1.0);
+        let coat = Coat { strength: point.coat, ior: point.ior, clearcoat: point.clearcoat };
+        let over = if coat.clearcoat > 0.0 && visible {
+            coat.clearcoat * fresnel::refract(cos, 1.0, CLEARCOAT_IOR).reflectance
+        } else {
+            0.0
+        };
+
+        // The diffuse side.
+        if visible {
+            result.emission = point.emission * point.opacity;
+            let diffuse = point.diffuse.max_element() > 0.0 || point.diffuse_transmission.max_element() > 0.0;
+            if diffuse || material.may_be_diffuse() {
+                result.reflectance = self.effective_reflectance(hit.triangle, &point, &coat);
+                result.transmittance = point.diffuse_transmission;
+                result.receives = point.opacity * coat.transmittance(cos);
+            }
+        }
+
+        // Mirror, coat and the reflecting part of panes and solids share one direction.
+        let mut reflected = point.mirror * body;
+        if coat.strength > 0.0 && visible {
+            reflected += Rgb::splat(
+                point.coat_share * coat.strength * fresnel::refract(cos, 1.0, point.ior).reflectance,
+            );
+        }
+        let mut straight = Rgb::splat(straight_alpha);
+        let mut refracted = None;
+        if point.transmission > 0.0 {
+            if solid {
+                let inside = MediumId::inside(scene.material_id_of(hit.triangle));
+                let outside = if hit.back { media.left(inside) } else { media };
+                let n_inside = point.ior;
+                let n_outside = self.media().ior(outside.current());
+                let (n1, n2, after) = if hit.back {
+                    (n_inside, n_outside, outside)
+                } else {
+                    (n_outside, n_inside, media.entered(inside))
+                };
+                let interface = fresnel::refract(cos, n1, n2);
+                reflected += Rgb::splat(point.transmission * interface.reflectance);
+                if interface.reflectance < 1.0 {
+                    let ratio = n1 / n2;
+                    let towards = direction * ratio + normal * (ratio * cos - interface.cos_transmitted);
+                    let share = point.tint * (point.transmission * (1.0 - interface.reflectance));
+                    refracted = Some((towards.normalize_or_zero(), share, after));
+                }
+            } else {
+                let (r, t) = fresnel::pane(cos, point.ior, point.tint);
+                reflected += r * point.transmission;
+                straight += t * (point.transmission * point.opacity * (1.0 - over));
+            }
+        }
+        let reflected = (Rgb::splat(over) + reflected * ((1.0 - over) * (1.0 - over))) * point.opacity;
+
+        // Directions below the geometric surface are absorbed (smooth normals near the silhouette).
+        if reflected.max_element() > 0.0 {
+            let towards = (direction + normal * (2.0 * -direction.dot(normal))).normalize_or_zero();
+            if towards.dot(geometric) > 0.0 {
+                let event = match self.image_plane(hit.triangle) {
+                    Some(plane) => Event::Planar(plane),
+                    None => Event::Curved,
+                };
+                result.push(Branch { direction: towards, throughput: reflected, event, media });
+            } else {
+                result.below += reflected;
+            }
+        }
+        if let Some((towards, share, after)) = refracted {
+            let throughput = share * (point.opacity * (1.0 - over));
+            if towards.dot(geometric) < 0.0 {
+                result.push(Branch { direction: towards, throughput, event: Event::Curved, media: after });
+            } else {
+                result.below += throughput;
+            }
+        }
+        result.push(Branch { direction, throughput: straight, event: Event::Undeviated, media });
+        debug_assert!(
+            result.passed_on().max_element() <= 1.0 + 1e-4,
+            "a surface amplifies light: {result:?}"
+        );
+        result
+    }
+
+    /// Share of light that passes a triangle undeviated, for shadow rays.
+    #[inline]
+    pub fn straight_through(&self, direction: Vec3, hit: &Hit) -> Rgb {
+        let interaction = self.interact(direction, hit, MediumStack::AIR);
+        interaction.branches().iter().filter(|b| b.event == Event::Undeviated).map(|b| b.throughput).sum()
+    }
+
+    /// Whether the back of a triangle is a surface of its own: doubleSided, thin panes and Lambertian transmission.
+    #[inline]
+    pub fn has_back(&self, triangle: TriangleId) -> bool {
+        let material = self.scene().material_of(triangle);
+        material.double_sided
+            || (material.transmission > 0.0 && material.transmission_kind == Transmission::Pane)
+            || material.diffuse_transmission_factor > 0.0
+    }
+
+    /// Whether the eye looks through the back of this triangle before its first hit, as glTF viewers do.
+    #[inline]
+    pub fn is_culled_from_behind(&self, triangle: TriangleId) -> bool {
+        let material = self.scene().material_of(triangle);
+        !self.has_back(triangle) && material.transmission <= 0.0 && material.alpha_mode != AlphaMode::Blend
+    }
+}

@@ -1,0 +1,300 @@
+//! Hits and occlusion in a scene.
+
+use glam::Vec3;
+
+use catoptric_scene::{AlphaMode, Barycentric, Rgb, Scene, Transmission, TriangleId};
+
+use crate::fresnel::{self, DiffuseFresnel};
+use crate::medium::Media;
+use crate::plane::{PlaneId, Planes};
+use crate::tree::{CUT_OUT, Facet, Nearest, Occlusion, PASSES, Probe, Tree};
+
+/// A ray. Everything in the plane `from` is ignored, exactly: no offsets.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Start, metres.
+    pub origin: Vec3,
+    /// Unit direction (segments: any length).
+    pub direction: Vec3,
+    /// Plane it starts from.
+    pub from: PlaneId,
+}
+
+impl Ray {
+    /// A ray that starts in free space.
+    pub fn free(origin: Vec3, direction: Vec3) -> Self {
+        Self { origin, direction, from: PlaneId::NONE }
+    }
+}
+
+/// Where a ray meets a triangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Distance in units of the direction's length.
+    pub t: f32,
+    /// The triangle.
+    pub triangle: TriangleId,
+    /// Where on it.
+    pub at: Barycentric,
+    /// Met from behind.
+    pub back: bool,
+}
+
+impl Hit {
+    fn new(nearest: &Nearest) -> Self {
+        Self {
+            t: nearest.t,
+            triangle: TriangleId(nearest.id),
+            at: Barycentric { u: nearest.u, v: nearest.v },
+            back: nearest.back,
+        }
+    }
+}
+
+/// Planes with images, at most: chains grow with a power of their number.
+const MAX_IMAGE_PLANES: usize = 32;
+/// Reflecting planes below this share of the scene's reflecting and diffuse area count as facets of curved things.
+const MIN_IMAGE_AREA: f64 = 2e-4;
+
+/// The scene, ready to be asked for hits.
+#[derive(Clone, Debug)]
+pub struct Tracer<'a> {
+    scene: &'a Scene,
+    tree: Tree,
+    planes: Planes,
+    media: Media,
+    /// Per plane: flat mirrors, panes and coats large enough to have images.
+    has_images: Vec<bool>,
+    /// Per triangle: plain Lambertian without texture, alpha or coat.
+    lambertian: Vec<bool>,
+    averages: Vec<DiffuseFresnel>,
+    clearcoat: DiffuseFresnel,
+    passes_anything: bool,
+    specular: bool,
+    center: Vec3,
+    diagonal: f32,
+}
+
+impl<'a> Tracer<'a> {
+    /// Builds the tree and the tables.
+    pub fn new(scene: &'a Scene) -> Self {
+        let order: Vec<u32> = (0..scene.triangles().len() as u32).collect();
+        Self::with_order(scene, &order)
+    }
+
+    /// The same, with the triangles given to the tree builder in another order: a permutation of their ids. The
+    /// tree differs, no answer does.
+    pub fn with_order(scene: &'a Scene, order: &[u32]) -> Self {
+        let planes = Planes::new(scene);
+        let material_flags: Vec<u8> = scene
+            .materials()
+            .iter()
+            .map(|m| match m.alpha_mode {
+                AlphaMode::Mask { .. } => CUT_OUT,
+                AlphaMode::Blend => PASSES,
+                AlphaMode::Opaque => 0,
+            } | if m.transmission > 0.0 && m.transmission_kind == Transmission::Pane { PASSES } else { 0 })
+            .collect();
+        let facets: Vec<Facet> = order
+            .iter()
+            .map(|&id| {
+                let triangle = TriangleId(id);
+                Facet {
+                    corners: scene.corners(triangle),
+                    id,
+                    plane: planes.of(triangle),
+                    flags: material_flags[scene.material_id_of(triangle).index()],
+                }
+            })
+            .collect();
+        let tree = Tree::build(&facets);
+        let has_images = planes_with_images(scene, &planes);
+        let lambertian = scene
+            .triangles()
+            .iter()
+            .enumerate()
+            .map(|(i, _)| {
+                let material = scene.material_of(TriangleId(i as u32));
+                !material.may_be_specular()
+                    && !material.unlit
+                    && material.alpha_mode == AlphaMode::Opaque
+                    && material.diffuse_transmission_factor == 0.0
+                    && material.metallic_roughness_texture.is_none()
+            })
+            .collect();
+        let (center, diagonal) = crate::plane::bounds(scene);
+        Self {
+            scene,
+            tree,
+            media: Media::new(scene),
+            has_images,
+            lambertian,
+            averages: scene.materials().iter().map(|m| fresnel::diffuse(m.ior)).collect(),
+            clearcoat: fresnel::diffuse(1.5),
+            passes_anything: facets.iter().any(|f| f.flags & PASSES != 0),
+            specular: scene.materials().iter().any(|m| m.may_be_specular()),
+            planes,
+            center: center.as_vec3(),
+            diagonal: diagonal as f32,
+        }
+    }
+
+    /// The scene.
+    #[inline]
+    pub fn scene(&self) -> &'a Scene {
+        self.scene
+    }
+
+    /// The planes.
+    #[inline]
+    pub fn planes(&self) -> &Planes {
+        &self.planes
+    }
+
+    /// The media.
+    #[inline]
+    pub fn media(&self) -> &Media {
+        &self.media
+    }
+
+    /// Centre of the bounding box.
+    pub fn center(&self) -> Vec3 {
+        self.center
+    }
+
+    /// Diagonal of the bounding box, metres.
+    pub fn diagonal(&self) -> f32 {
+        self.diagonal
+    }
+
+    /// Whether a triangle is plain Lambertian: no coat, mirror, transmission or alpha anywhere on it.
+    #[inline]
+    pub fn is_lambertian(&self, triangle: TriangleId) -> bool {
+        self.lambertian[triangle.index()]
+    }
+
+    /// Whether anything in the scene reflects or transmits specularly.
+    pub fn has_specular(&self) -> bool {
+        self.specular
+    }
+
+    /// The plane of a flat reflector that is large enough to have images.
+    #[inline]
+    pub fn image_plane(&self, triangle: TriangleId) -> Option<PlaneId> {
+        let plane = self.planes.of(triangle);
+        (self.has_images[plane.0 as usize] && !self.scene.surface_of(triangle).smooth).then_some(plane)
+    }
+
+    /// Whether a plane has images.
+    pub fn plane_has_images(&self, plane: PlaneId) -> bool {
+        self.has_images[plane.0 as usize]
+    }
+
+    #[inline]
+    pub(crate) fn coat_averages(&self, triangle: TriangleId) -> DiffuseFresnel {
+        self.averages[self.scene.material_id_of(triangle).index()]
+    }
+
+    #[inline]
+    pub(crate) fn clearcoat_averages(&self) -> DiffuseFresnel {
+        self.clearcoat
+    }
+
+    #[inline]
+    fn is_solid_here(&self, nearest: &Nearest) -> bool {
+        !self.scene.is_cut_out(TriangleId(nearest.id), Barycentric { u: nearest.u, v: nearest.v })
+    }
+
+    /// The nearest hit within `limit`, of any kind; holes of cut-outs are no hits.
+    #[inline]
+    pub fn nearest(&self, ray: &Ray, limit: f32) -> Option<Hit> {
+        let probe = Probe::new(ray.origin, ray.direction, [ray.from, PlaneId::NONE]);
+        self.tree.nearest(&probe, limit, |n| self.is_solid_here(n)).map(|n| Hit::new(&n))
+    }
+
+    /// Share of light that gets straight from `origin` (in the plane `from`) to `target` (in the plane `to`): 0 or 1,
+    /// or the throughput of the panes and blended surfaces between.
+    #[inline]
+    pub fn visibility(&self, origin: Vec3, from: PlaneId, target: Vec3, to: PlaneId) -> Rgb {
+        let direction = target - origin;
+        let probe = Probe::new(origin, direction, [from, to]);
+        match self.tree.occlusion(&probe, 1.0, |n| self.is_solid_here(n)) {
+            Occlusion::Blocked => Rgb::ZERO,
+            Occlusion::Free => Rgb::ONE,
+            Occlusion::Passing => self.undeviated(origin, from, direction, 1.0, to),
+        }
+    }
+
+    /// Share of light that gets straight from `origin` out of the scene along `direction`.
+    #[inline]
+    pub fn visibility_to_infinity(&self, origin: Vec3, from: PlaneId, direction: Vec3) -> Rgb {
+        let probe = Probe::new(origin, direction, [from, PlaneId::NONE]);
+        match self.tree.occlusion(&probe, f32::INFINITY, |n| self.is_solid_here(n)) {
+            Occlusion::Blocked => Rgb::ZERO,
+            Occlusion::Free => Rgb::ONE,
+            Occlusion::Passing => self.undeviated(origin, from, direction, f32::INFINITY, PlaneId::NONE),
+        }
+    }
+
+    /// Whether shadow rays may meet things that let a part pass.
+    pub fn passes_anything(&self) -> bool {
+        self.passes_anything
+    }
+
+    /// Follows a segment through everything that lets light pass undeviated.
+    fn undeviated(
+        &self,
+        mut origin: Vec3,
+        mut from: PlaneId,
+        direction: Vec3,
+        length: f32,
+        to: PlaneId,
+    ) -> Rgb {
+        let mut share = Rgb::ONE;
+        let mut remaining = length;
+        let unit = direction.normalize_or_zero();
+        // Each pass crosses one plane; a hundred layers of panes are opaque.
+        for _ in 0..128 {
+            let probe = Probe::new(origin, direction, [from, to]);
+            let Some(nearest) = self.tree.nearest(&probe, remaining, |n| self.is_solid_here(n)) else {
+                return share;
+            };
+            if nearest.t >= remaining {
+                return share;
+            }
+            let hit = Hit::new(&nearest);
+            share *= self.straight_through(unit, &hit);
+            if share.max_element() <= 0.0 {
+                return Rgb::ZERO;
+            }
+            origin += direction * hit.t;
+            remaining -= hit.t;
+            from = self.planes.of(hit.triangle);
+        }
+        Rgb::ZERO
+    }
+}
+
+/// Planes of flat reflectors worth an image: the largest by reflecting area.
+fn planes_with_images(scene: &Scene, planes: &Planes) -> Vec<bool> {
+    let mut area = vec![0.0_f64; planes.len()];
+    let mut total = 0.0_f64;
+    for index in 0..scene.triangles().len() {
+        let triangle = TriangleId(index as u32);
+        let material = scene.material_of(triangle);
+        let size = f64::from(scene.area(triangle));
+        total += size;
+        let solid = material.transmission > 0.0 && material.transmission_kind == Transmission::Solid;
+        let reflects = material.may_be_specular() && !solid && !scene.surface_of(triangle).smooth;
+        if reflects {
+            area[planes.of(triangle).0 as usize] += size;
+        }
+    }
+    let mut order: Vec<usize> = (0..area.len()).filter(|&p| area[p] > MIN_IMAGE_AREA * total).collect();
+    order.sort_by(|&a, &b| area[b].total_cmp(&area[a]).then(a.cmp(&b)));
+    let mut chosen = vec![false; planes.len()];
+    for &plane in order.iter().take(MAX_IMAGE_PLANES) {
+        chosen[plane] = true;
+    }
+    chosen
+}

@@ -1,0 +1,495 @@
+//! The bounding volume tree: built by obvhs, collapsed to four children a node, triangles in packets of four.
+//!
+//! obvhs's defects designed out (each held by a test in `tracer.rs`):
+//! * its Morton codes wrap at the scene's maximum faces, so closed rooms get trees that are 8–18× slower: boxes
+//!   are padded before the build, which moves every centroid inside;
+//! * its boxes and triangle tests are not watertight: boxes are padded here and the test is Woop, Benthin & Wald's;
+//! * its wide tree drops hits nearer than an absolute 1e-4: the traversal here has no near limit of its own.
+//!
+//! Slabs and triangles use `glam::Vec4`, which is SSE2 on x86-64 and scalar elsewhere with the same bits.
+
+use glam::{Vec3, Vec4};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::{Bvh2, leaf_collapser, reinsertion::ReinsertionOptimizer};
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+
+use crate::plane::PlaneId;
+
+/// What a triangle can do to a ray besides blocking it.
+pub(crate) const CUT_OUT: u8 = 1;
+/// Lets light pass undeviated (pane or blended alpha).
+pub(crate) const PASSES: u8 = 2;
+
+/// One triangle for the tree.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Facet {
+    pub(crate) corners: [Vec3; 3],
+    pub(crate) id: u32,
+    pub(crate) plane: PlaneId,
+    pub(crate) flags: u8,
+}
+
+/// Four boxes, one per child.
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    min: [Vec4; 3],
+    max: [Vec4; 3],
+    /// `LEAF | first packet << 4 | packets`, or the index of a node.
+    children: [u32; 4],
+    /// Bit per slot in use.
+    used: u32,
+}
+
+const LEAF: u32 = 1 << 31;
+/// A leaf names its first packet in 27 bits and its number of packets in 4.
+const COUNT_BITS: u32 = 4;
+
+/// Four triangles side by side.
+#[derive(Clone, Copy, Debug)]
+struct Packet {
+    corners: [[Vec4; 3]; 3],
+    ids: [u32; 4],
+    planes: [u32; 4],
+    flags: [u8; 4],
+}
+
+/// The tree.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Tree {
+    nodes: Vec<Node>,
+    packets: Vec<Packet>,
+}
+
+/// What a ray brings to the traversal.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Probe {
+    inverse: [Vec4; 3],
+    /// Scaled origin would lose bits: slabs subtract first.
+    origin4: [Vec4; 3],
+    /// Axis of the largest direction component, and the two others, ordered to keep the winding.
+    axes: [usize; 3],
+    shear: [f32; 3],
+    ignore: [u32; 2],
+}
+
+/// The nearest candidate so far.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Nearest {
+    pub(crate) t: f32,
+    pub(crate) id: u32,
+    pub(crate) u: f32,
+    pub(crate) v: f32,
+    pub(crate) back: bool,
+}
+
+impl Probe {
+    #[inline]
+    pub(crate) fn new(origin: Vec3, direction: Vec3, ignore: [PlaneId; 2]) -> Self {
+        // A tiny component instead of zero keeps the slabs free of NaN; its box error is far below the padding.
+        let guard = |d: f32| if d.abs() < 1e-20 { 1e-20_f32.copysign(d) } else { d };
+        let inverse = Vec3::new(1.0 / guard(direction.x), 1.0 / guard(direction.y), 1.0 / guard(direction.z));
+        let absolute = direction.abs();
+        let z = if absolute.x > absolute.y {
+            if absolute.x > absolute.z { 0 } else { 2 }
+        } else if absolute.y > absolute.z {
+            1
+        } else {
+            2
+        };
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        if direction[z] < 0.0 {
+            std::mem::swap(&mut x, &mut y);
+        }
+        let shear = [direction[x] / direction[z], direction[y] / direction[z], 1.0 / direction[z]];
+        Self {
+            inverse: [Vec4::splat(inverse.x), Vec4::splat(inverse.y), Vec4::splat(inverse.z)],
+            origin4: [Vec4::splat(origin.x), Vec4::splat(origin.y), Vec4::splat(origin.z)],
+            axes: [x, y, z],
+            shear,
+            ignore: [ignore[0].0, ignore[1].0],
+        }
+    }
+}
+
+impl Tree {
+    /// Builds the tree over `facets` in the order given; hits do not depend on that order.
+    pub(crate) fn build(facets: &[Facet]) -> Self {
+        if facets.is_empty() {
+            return Self::default();
+        }
+        let mut all = Aabb::empty();
+        for corner in facets.iter().flat_map(|f| f.corners) {
+            all.extend(corner.into());
+        }
+        // Half a ten-thousandth of a percent of the scene: above the rounding of slabs and positions (2⁻²³ each).
+        let reach = all.min.abs().max(all.max.abs()).max_element().max(all.diagonal().max_element());
+        let padding = reach * 2e-6 + f32::MIN_POSITIVE;
+        let boxes: Vec<Aabb> = facets
+            .iter()
+            .map(|f| {
+                let mut aabb = Aabb::empty();
+                for corner in f.corners {
+                    aabb.extend(corner.into());
+                }
+                aabb.min -= padding;
+                aabb.max += padding;
+                aabb
+            })
+            .collect();
+        let indices = (0..facets.len() as u32).collect();
+        let mut binary = PlocBuilder::with_capacity(facets.len()).build(
+            PlocSearchDistance::Low,
+            &boxes,
+            indices,
+            SortPrecision::U64,
+            2,
+        );
+        ReinsertionOptimizer::default().run(&mut binary, 0.15, None);
+        leaf_collapser::collapse(&mut binary, 8, 2.5);
+        let mut tree = Self::default();
+        tree.collapse(&binary, facets);
+        tree
+    }
+
+    /// Turns the binary tree into one of four children a node.
+    fn collapse(&mut self, binary: &Bvh2, facets: &[Facet]) {
+        // Pairs of (binary node, slot to fill): the slot is (node, child) of this tree.
+        let mut open: Vec<(usize, usize, usize)> = Vec::new();
+        let root = self.push_node(binary, &[0], &mut open, facets);
+        debug_assert_eq!(root, 0);
+        while let Some((source, node, slot)) = open.pop() {
+            let mut group = vec![source];
+            // Open the largest inner node until there are four.
+            while group.len() < 4 {
+                let largest =
+                    (0..group.len()).filter(|&i| !binary.nodes[group[i]].is_leaf()).max_by(|&a, &b| {
+                        let area = |i: usize| binary.nodes[group[i]].aabb.half_area();
+                        area(a).total_cmp(&area(b))
+                    });
+                let Some(largest) = largest else { break };
+                let first = binary.nodes[group[largest]].first_index as usize;
+                group[largest] = first;
+                group.push(first + 1);
+            }
+            let child = self.push_node(binary, &group, &mut open, facets);
+            self.nodes[node].children[slot] = child as u32;
+        }
+    }
+
+    /// Appends a node whose children are the binary nodes of `group`; inner children are left open.
+    fn push_node(
+        &mut self,
+        binary: &Bvh2,
+        group: &[usize],
+        open: &mut Vec<(usize, usize, usize)>,
+        facets: &[Facet],
+    ) -> usize {
+        let index = self.nodes.len();
+        let mut node = Node { min: [Vec4::ZERO; 3], max: [Vec4::ZERO; 3], children: [0; 4], used: 0 };
+        self.nodes.push(node);
+        for (slot, &source) in group.iter().enumerate() {
+            let child = &binary.nodes[source];
+            node.used |= 1 << slot;
+            for axis in 0..3 {
+                node.min[axis][slot] = child.aabb.min[axis];
+                node.max[axis][slot] = child.aabb.max[axis];
+            }
+            if child.is_leaf() {
+                let first = child.first_index as usize;
+                let primitives = &binary.primitive_indices[first..first + child.prim_count as usize];
+                node.children[slot] = self.push_leaf(primitives, facets);
+            } else {
+                open.push((source, index, slot));
+            }
+        }
+        self.nodes[index] = node;
+        index
+    }
+
+    fn push_leaf(&mut self, primitives: &[u32], facets: &[Facet]) -> u32 {
+        let first = self.packets.len() as u32;
+        for chunk in primitives.chunks(4) {
+            let mut packet = Packet {
+                corners: [[Vec4::ZERO; 3]; 3],
+                ids: [u32::MAX; 4],
+                planes: [u32::MAX - 1; 4],
+                flags: [0; 4],
+            };
+            for (lane, &primitive) in chunk.iter().enumerate() {
+                let facet = &facets[primitive as usize];
+                for corner in 0..3 {
+                    for axis in 0..3 {
+                        packet.corners[corner][axis][lane] = facet.corners[corner][axis];
+                    }
+                }
+                packet.ids[lane] = facet.id;
+                packet.planes[lane] = facet.plane.0;
+                packet.flags[lane] = facet.flags;
+            }
+            self.packets.push(packet);
+        }
+        let count = self.packets.len() as u32 - first;
+        LEAF | first << COUNT_BITS | count
+    }
+
+    /// Calls `visit` for every packet whose box is nearer than the limit it returns, nearest boxes first, until
+    /// `visit` returns `None`.
+    #[inline(always)]
+    fn traverse(&self, probe: &Probe, mut limit: f32, mut visit: impl FnMut(&Packet, f32) -> Option<f32>) {
+        if self.nodes.is_empty() {
+            return;
+        }
+        // (child, entry distance). Depth × 3 entries at most; deeper trees spill to the heap.
+        let mut stack = Stack::new();
+        let mut current = 0_u32;
+        'descend: loop {
+            if current & LEAF == 0 {
+                let node = &self.nodes[current as usize];
+                let (entries, mask) = node.enter(probe, limit);
+                if mask != 0 {
+                    // The nearest child goes on, the others wait in order of distance.
+                    let mut order = [(0_u32, 0.0_f32); 4];
+                    let mut count = 0;
+                    let mut bits = mask;
+                    while bits != 0 {
+                        let slot = bits.trailing_zeros() as usize;
+                        bits &= bits - 1;
+                        let entry = (node.children[slot], entries[slot]);
+                        let mut at = count;
+                        while at > 0 && order[at - 1].1 < entry.1 {
+                            order[at] = order[at - 1];
+                            at -= 1;
+                        }
+                        order[at] = entry;
+                        count += 1;
+                    }
+                    for &entry in &order[..count - 1] {
+                        stack.push(entry);
+                    }
+                    current = order[count - 1].0;
+                    continue 'descend;
+                }
+            } else {
+                let first = ((current & !LEAF) >> COUNT_BITS) as usize;
+                let count = (current & ((1 << COUNT_BITS) - 1)) as usize;
+                for packet in &self.packets[first..first + count] {
+                    match visit(packet, limit) {
+                        Some(nearer) => limit = nearer,
+                        None => return,
+                    }
+                }
+            }
+            loop {
+                match stack.pop() {
+                    None => return,
+                    Some((child, entry)) if entry <= limit => {
+                        current = child;
+                        continue 'descend;
+                    }
+                    Some(_) => {}
+                }
+            }
+        }
+    }
+
+    /// The nearest hit with t ≤ `limit`; at equal t the lowest id wins. `accept` may refuse a candidate (cut-outs).
+    #[inline]
+    pub(crate) fn nearest(
+        &self,
+        probe: &Probe,
+        limit: f32,
+        accept: impl Fn(&Nearest) -> bool,
+    ) -> Option<Nearest> {
+        let mut best: Option<Nearest> = None;
+        self.traverse(probe, limit, |packet, limit| {
+            let Some(candidates) = packet.intersect(probe, limit) else { return Some(limit) };
+            let mut limit = limit;
+            let mut bits = candidates.mask;
+            while bits != 0 {
+                let lane = bits.trailing_zeros() as usize;
+                bits &= bits - 1;
+                let id = packet.ids[lane];
+                let t = candidates.t[lane];
+                let nearer = match &best {
+                    None => t <= limit,
+                    Some(best) => t < best.t || (t == best.t && id < best.id),
+                };
+                if !nearer || probe.ignore.contains(&packet.planes[lane]) {
+                    continue;
+                }
+                let candidate = candidates.hit(lane, id);
+                if packet.flags[lane] & CUT_OUT == 0 || accept(&candidate) {
+                    limit = t;
+                    best = Some(candidate);
+                }
+            }
+            Some(limit)
+        });
+        best
+    }
+
+    /// Whether anything lies at t < `limit`: `Blocked` by a triangle that lets nothing pass, `Passing` if only
+    /// triangles that let light pass undeviated are in the way.
+    #[inline]
+    pub(crate) fn occlusion(
+        &self,
+        probe: &Probe,
+        limit: f32,
+        accept: impl Fn(&Nearest) -> bool,
+    ) -> Occlusion {
+        let mut occlusion = Occlusion::Free;
+        self.traverse(probe, limit, |packet, limit| {
+            let Some(candidates) = packet.intersect(probe, limit) else { return Some(limit) };
+            let mut bits = candidates.mask;
+            while bits != 0 {
+                let lane = bits.trailing_zeros() as usize;
+                bits &= bits - 1;
+                if candidates.t[lane] >= limit || probe.ignore.contains(&packet.planes[lane]) {
+                    continue;
+                }
+                if packet.flags[lane] & CUT_OUT != 0 && !accept(&candidates.hit(lane, packet.ids[lane])) {
+                    continue;
+                }
+                if packet.flags[lane] & PASSES != 0 {
+                    occlusion = Occlusion::Passing;
+                } else {
+                    occlusion = Occlusion::Blocked;
+                    return None;
+                }
+            }
+            Some(limit)
+        });
+        occlusion
+    }
+}
+
+/// What lies on a segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Occlusion {
+    Free,
+    Passing,
+    Blocked,
+}
+
+impl Node {
+    /// Entry distances and a mask of the children whose boxes the ray meets before `limit`.
+    #[inline(always)]
+    fn enter(&self, probe: &Probe, limit: f32) -> (Vec4, u32) {
+        let slab = |axis: usize| {
+            let low = (self.min[axis] - probe.origin4[axis]) * probe.inverse[axis];
+            let high = (self.max[axis] - probe.origin4[axis]) * probe.inverse[axis];
+            (low.min(high), low.max(high))
+        };
+        let (x0, x1) = slab(0);
+        let (y0, y1) = slab(1);
+        let (z0, z1) = slab(2);
+        let entry = x0.max(y0).max(z0.max(Vec4::ZERO));
+        // Ize 2013: 1 + 2γ₃ makes the exit conservative for any distance.
+        let exit = (x1.min(y1).min(z1) * 1.000_000_5).min(Vec4::splat(limit));
+        (entry, entry.cmple(exit).bitmask() & self.used)
+    }
+}
+
+/// Lanes of a packet that a ray meets.
+struct Candidates {
+    mask: u32,
+    t: Vec4,
+    u: Vec4,
+    v: Vec4,
+    back: u32,
+}
+
+impl Candidates {
+    #[inline]
+    fn hit(&self, lane: usize, id: u32) -> Nearest {
+        Nearest { t: self.t[lane], id, u: self.u[lane], v: self.v[lane], back: self.back >> lane & 1 == 1 }
+    }
+}
+
+impl Packet {
+    /// Watertight ray–triangle test (Woop, Benthin & Wald 2013, §3), four triangles at once: edge functions of the
+    /// sheared triangle; where one is exactly zero it is computed again in f64, so that neighbours always agree.
+    #[inline(always)]
+    fn intersect(&self, probe: &Probe, limit: f32) -> Option<Candidates> {
+        let [x, y, z] = probe.axes;
+        let (ox, oy, oz) = (probe.origin4[x], probe.origin4[y], probe.origin4[z]);
+        let (sx, sy, sz) = (Vec4::splat(probe.shear[0]), Vec4::splat(probe.shear[1]), probe.shear[2]);
+        let [a, b, c] = &self.corners;
+        let (az, bz, cz) = (a[z] - oz, b[z] - oz, c[z] - oz);
+        let (ax, ay) = (a[x] - ox - sx * az, a[y] - oy - sy * az);
+        let (bx, by) = (b[x] - ox - sx * bz, b[y] - oy - sy * bz);
+        let (cx, cy) = (c[x] - ox - sx * cz, c[y] - oy - sy * cz);
+        let mut u = cx * by - cy * bx;
+        let mut v = ax * cy - ay * cx;
+        let mut w = bx * ay - by * ax;
+
+        let zero = u.cmpeq(Vec4::ZERO) | v.cmpeq(Vec4::ZERO) | w.cmpeq(Vec4::ZERO);
+        if zero.any() {
+            for lane in 0..4 {
+                if zero.bitmask() >> lane & 1 == 1 {
+                    let edge = |px: f32, py: f32, qx: f32, qy: f32| {
+                        (f64::from(px) * f64::from(qy) - f64::from(py) * f64::from(qx)) as f32
+                    };
+                    u[lane] = edge(cx[lane], cy[lane], bx[lane], by[lane]);
+                    v[lane] = edge(ax[lane], ay[lane], cx[lane], cy[lane]);
+                    w[lane] = edge(bx[lane], by[lane], ax[lane], ay[lane]);
+                }
+            }
+        }
+
+        let zeros = Vec4::ZERO;
+        let positive = u.cmpge(zeros) & v.cmpge(zeros) & w.cmpge(zeros);
+        let negative = u.cmple(zeros) & v.cmple(zeros) & w.cmple(zeros);
+        let determinant = u + v + w;
+        let inside = (positive | negative) & determinant.cmpne(Vec4::ZERO);
+        if !inside.any() {
+            return None;
+        }
+        let scaled = (u * az + v * bz + w * cz) * sz;
+        let inverse = Vec4::ONE / determinant;
+        let t = scaled * inverse;
+        let mask = (inside & t.cmpgt(Vec4::ZERO) & t.cmple(Vec4::splat(limit))).bitmask();
+        if mask == 0 {
+            return None;
+        }
+        // The winding is kept by the order of the axes, so that a front face turns one way.
+        let back = determinant.cmplt(Vec4::ZERO).bitmask();
+        Some(Candidates { mask, t, u: v * inverse, v: w * inverse, back })
+    }
+}
+
+/// A small stack that spills to the heap, so that no depth loses a hit.
+struct Stack {
+    near: [(u32, f32); 40],
+    length: usize,
+    spill: Vec<(u32, f32)>,
+}
+
+impl Stack {
+    #[inline(always)]
+    fn new() -> Self {
+        Self { near: [(0, 0.0); 40], length: 0, spill: Vec::new() }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, entry: (u32, f32)) {
+        if self.length < self.near.len() {
+            self.near[self.length] = entry;
+            self.length += 1;
+        } else {
+            self.spill.push(entry);
+        }
+    }
+
+    #[inline(always)]
+    fn pop(&mut self) -> Option<(u32, f32)> {
+        if let Some(entry) = self.spill.pop() {
+            return Some(entry);
+        }
+        if self.length == 0 {
+            return None;
+        }
+        self.length -= 1;
+        Some(self.near[self.length])
+    }
+}

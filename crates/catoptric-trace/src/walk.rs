@@ -1,0 +1,354 @@
+//! The S* walk: drivers that take light from one diffuse end to the next over ideal mirrors and glass.
+//!
+//! *choose* follows one branch by keyed roulette (rows, hemisphere gathers, light-side rays); *follow a chain* checks a
+//! given list of mirror planes (images); the eye's *split* driver, which follows every branch, is in [`split`]. All use
+//! the one interaction of [`crate::interaction`].
+
+use glam::Vec3;
+
+use catoptric_scene::Rgb;
+
+use crate::chain::{Chain, Event};
+use crate::interaction::Interaction;
+use crate::ledger::{Ledger, entry};
+use crate::medium::MediumStack;
+use crate::plane::PlaneId;
+use crate::sequence::Key;
+use crate::tracer::{Hit, Ray, Tracer};
+
+/// Limits of a walk.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WalkParams {
+    /// Events after which a walk is given up (and booked).
+    pub max_depth: u32,
+    /// Below this throughput roulette decides whether a walk goes on.
+    pub roulette_below: f32,
+    /// False: the first surface ends every walk, as in radiosity without extended form factors (`--plain`).
+    pub extended: bool,
+}
+
+impl Default for WalkParams {
+    /// 1000 events: a duct of perfect mirrors loses 1e-4 at 120 (DESIGN §1), nothing visible at 1000.
+    fn default() -> Self {
+        Self { max_depth: 1000, roulette_below: 0.1, extended: true }
+    }
+}
+
+/// Light that reaches a diffuse side, or a surface that emits.
+#[derive(Debug)]
+pub struct Arrival<'a> {
+    /// Where.
+    pub hit: &'a Hit,
+    /// World position.
+    pub position: Vec3,
+    /// Direction of travel.
+    pub direction: Vec3,
+    /// Surface there.
+    pub interaction: &'a Interaction,
+    /// Power throughput before the surface splits it (without T(θ) of a coat there: `interaction.receives` has it).
+    pub throughput: Rgb,
+    /// What happened on the way.
+    pub chain: &'a Chain,
+    /// Media at the end.
+    pub media: MediumStack,
+    /// Length of the whole path, metres.
+    pub distance: f32,
+}
+
+/// How a walk ended.
+#[derive(Clone, Copy, Debug)]
+pub enum End {
+    /// On a surface, by roulette or at the depth limit.
+    Inside,
+    /// Out of the scene.
+    Escaped {
+        /// Direction.
+        direction: Vec3,
+        /// Power throughput.
+        throughput: Rgb,
+        /// What happened on the way.
+        chain: Chain,
+        /// Medium from which it left.
+        media: MediumStack,
+    },
+}
+
+/// Follows one branch at each event. `arrive` is called at every surface with a diffuse or emitting side.
+///
+/// Everything that happens to `throughput` is booked in `ledger`, so that its entries sum to what was sent.
+pub fn choose(
+    tracer: &Tracer,
+    mut ray: Ray,
+    mut media: MediumStack,
+    mut throughput: Rgb,
+    key: Key,
+    params: &WalkParams,
+    ledger: &mut Ledger,
+    mut arrive: impl FnMut(&Arrival),
+) -> End {
+    let mut chain = Chain::DIRECT;
+    let mut distance = 0.0;
+    for depth in 0..params.max_depth {
+        let Some(hit) = tracer.nearest(&ray, f32::INFINITY) else {
+            ledger.escaped += entry(throughput);
+            return End::Escaped { direction: ray.direction, throughput, chain, media };
+        };
+        distance += hit.t;
+
+        // Beer–Lambert on the way.
+        let medium = media.current();
+        let passed = throughput * tracer.media().transmittance(medium, hit.t);
+        ledger.absorbed += entry(throughput - passed);
+        throughput = passed;
+
+        let interaction = tracer.interact(ray.direction, &hit, media);
+        let position = ray.origin + ray.direction * hit.t;
+        let receives = interaction.receives > 0.0;
+        if receives || interaction.emission.0.max_element() > 0.0 {
+            arrive(&Arrival {
+                hit: &hit,
+                position,
+                direction: ray.direction,
+                interaction: &interaction,
+                throughput,
+                chain: &chain,
+                media,
+                distance,
+            });
+        }
+
+        // What does not go on stays here.
+        let passed_on = interaction.passed_on();
+        let kept = throughput * (Rgb::ONE - passed_on);
+        if receives {
+            ledger.arrived += entry(kept);
+        } else if interaction.branches().is_empty() && hit.back {
+            ledger.black_backs += entry(kept);
+        } else {
+            ledger.absorbed += entry(kept);
+        }
+        if !params.extended {
+            ledger.cut_off += entry(throughput * passed_on);
+            return End::Inside;
+        }
+
+        // One branch, with a probability in proportion to its share.
+        let shares = interaction.branches().iter().map(|b| (throughput * b.throughput).max_element());
+        let total: f32 = shares.clone().sum();
+        if total <= 0.0 {
+            return End::Inside;
+        }
+        let going_on = throughput * passed_on;
+        let mut pick = key.uniform(2 * depth) * total;
+        let mut chosen = 0;
+        let mut probability = 1.0;
+        for (index, share) in shares.enumerate() {
+            if share > 0.0 {
+                (chosen, probability) = (index, share / total);
+                if pick < share {
+                    break;
+                }
+                pick -= share;
+            }
+        }
+        let branch = &interaction.branches()[chosen];
+        throughput = throughput * branch.throughput / probability;
+
+        // Unbiased roulette keeps long walks in check.
+        let strength = throughput.max_element();
+        if strength < params.roulette_below {
+            let survival = strength / params.roulette_below;
+            if key.uniform(2 * depth + 1) >= survival {
+                ledger.roulette += entry(going_on);
+                return End::Inside;
+            }
+            throughput /= survival;
+        }
+        ledger.roulette += entry(going_on) - entry(throughput);
+
+        chain.push(branch.event);
+        media = branch.media;
+        ray = Ray { origin: position, direction: branch.direction, from: tracer.planes().of(hit.triangle) };
+    }
+    ledger.cut_off += entry(throughput);
+    End::Inside
+}
+
+/// Power throughput of the path from `origin` over the mirrors in `planes` to the last of `targets`.
+///
+/// `targets[k]` is where the path aims before it meets `planes[k]` (the light's image through the mirrors k..); the
+/// last target is the point on the light itself. Panes and blended surfaces on the way let their share pass. Zero
+/// where a mirror is missed or something blocks.
+pub fn follow(
+    tracer: &Tracer,
+    origin: Vec3,
+    from: PlaneId,
+    planes: &[PlaneId],
+    targets: &[Vec3],
+    to: PlaneId,
+) -> Rgb {
+    let mut throughput = Rgb::ONE;
+    let mut ray = Ray { origin, direction: Vec3::ZERO, from };
+    for (&plane, &target) in planes.iter().zip(targets) {
+        ray.direction = (target - ray.origin).normalize_or_zero();
+        // Straight on through whatever lets light pass, up to the mirror.
+        let mut crossings = 0;
+        loop {
+            let Some(hit) = tracer.nearest(&ray, f32::INFINITY) else { return Rgb::ZERO };
+            let interaction = tracer.interact(ray.direction, &hit, MediumStack::AIR);
+            let here = tracer.planes().of(hit.triangle);
+            let wanted = if here == plane { Event::Planar(plane) } else { Event::Undeviated };
+            let Some(branch) = interaction.branches().iter().find(|b| b.event == wanted) else {
+                return Rgb::ZERO;
+            };
+            throughput *= branch.throughput;
+            ray = Ray { origin: ray.origin + ray.direction * hit.t, direction: branch.direction, from: here };
+            crossings += 1;
+            if here == plane {
+                break;
+            }
+            if crossings > 64 {
+                return Rgb::ZERO;
+            }
+        }
+    }
+    match targets.last() {
+        Some(&target) => throughput * tracer.visibility(ray.origin, ray.from, target, to),
+        None => Rgb::ZERO,
+    }
+}
+
+pub mod split {
+    //! The eye's driver: every branch is followed, weak ones by roulette.
+
+    use super::{Arrival, Chain, Hit, Key, MediumStack, Ray, Rgb, Tracer, Vec3};
+
+    /// Limits of the split driver.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct SplitParams {
+        /// Events after which a path is given up.
+        pub max_depth: u32,
+        /// Below this throughput roulette decides whether a branch is followed.
+        pub roulette_below: f32,
+    }
+
+    impl Default for SplitParams {
+        fn default() -> Self {
+            Self { max_depth: 1000, roulette_below: 0.01 }
+        }
+    }
+
+    /// What the eye meets.
+    #[derive(Debug)]
+    pub enum Sight<'a> {
+        /// A surface with a diffuse or emitting side.
+        Surface(Arrival<'a>),
+        /// Out of the scene.
+        Sky {
+            /// Direction.
+            direction: Vec3,
+            /// Throughput.
+            throughput: Rgb,
+            /// What happened on the way.
+            chain: Chain,
+        },
+    }
+
+    struct Open {
+        ray: Ray,
+        media: MediumStack,
+        throughput: Rgb,
+        chain: Chain,
+        distance: f32,
+        depth: u32,
+    }
+
+    /// Branches that wait: more than this and the weakest go by roulette at a higher threshold.
+    const MAX_OPEN: usize = 64;
+
+    /// Follows every branch from the eye. `see` gets everything that is met; `first` the first visible hit.
+    ///
+    /// Opaque single-sided surfaces are passed from behind before the first hit, as glTF viewers do.
+    pub fn trace(
+        tracer: &Tracer,
+        ray: Ray,
+        media: MediumStack,
+        key: Key,
+        params: &SplitParams,
+        mut first: impl FnMut(&Hit),
+        mut see: impl FnMut(Sight),
+    ) {
+        let mut open: Vec<Open> = Vec::new();
+        let mut next =
+            Some(Open { ray, media, throughput: Rgb::ONE, chain: Chain::DIRECT, distance: 0.0, depth: 0 });
+        let mut draws = 0;
+        let mut met = false;
+        while let Some(mut path) = next.take().or_else(|| open.pop()) {
+            let Some(hit) = tracer.nearest(&path.ray, f32::INFINITY) else {
+                see(Sight::Sky {
+                    direction: path.ray.direction,
+                    throughput: path.throughput,
+                    chain: path.chain,
+                });
+                continue;
+            };
+            path.distance += hit.t;
+            let position = path.ray.origin + path.ray.direction * hit.t;
+            let from = tracer.planes().of(hit.triangle);
+            if !met && hit.back && tracer.is_culled_from_behind(hit.triangle) {
+                path.ray = Ray { origin: position, from, ..path.ray };
+                path.depth += 1;
+                if path.depth < params.max_depth {
+                    next = Some(path);
+                }
+                continue;
+            }
+            if !met {
+                first(&hit);
+                met = true;
+            }
+            path.throughput *= tracer.media().transmittance(path.media.current(), hit.t);
+            let interaction = tracer.interact(path.ray.direction, &hit, path.media);
+            see(Sight::Surface(Arrival {
+                hit: &hit,
+                position,
+                direction: path.ray.direction,
+                interaction: &interaction,
+                throughput: path.throughput,
+                chain: &path.chain,
+                media: path.media,
+                distance: path.distance,
+            }));
+            if path.depth + 1 >= params.max_depth {
+                continue;
+            }
+            // A full stack raises the threshold: the work per pixel stays bounded, the mean does not change.
+            let threshold = if open.len() < MAX_OPEN { params.roulette_below } else { 1.0 };
+            for branch in interaction.branches() {
+                let mut throughput = path.throughput * branch.throughput;
+                let strength = throughput.max_element();
+                if strength < threshold {
+                    draws += 1;
+                    let survival = strength / threshold;
+                    if key.uniform(draws) >= survival {
+                        continue;
+                    }
+                    throughput /= survival;
+                }
+                let mut chain = path.chain;
+                chain.push(branch.event);
+                let follow = Open {
+                    ray: Ray { origin: position, direction: branch.direction, from },
+                    media: branch.media,
+                    throughput,
+                    chain,
+                    distance: path.distance,
+                    depth: path.depth + 1,
+                };
+                if let Some(waiting) = next.replace(follow) {
+                    open.push(waiting);
+                }
+            }
+        }
+    }
+}
