@@ -1,0 +1,35 @@
+//! Radiance HDR in.
+
+use std::io::Cursor;
+
+use image::ImageDecoder;
+use image::codecs::hdr::HdrDecoder;
+
+use crate::{Image, ImageError, ReadLimits};
+
+pub(crate) fn decode(bytes: &[u8], limits: &ReadLimits) -> Result<Image, ImageError> {
+    let damaged = |error: image::ImageError| ImageError::damaged("Radiance HDR", error);
+    let decoder = HdrDecoder::new(Cursor::new(bytes)).map_err(damaged)?;
+    let (width, height) = decoder.dimensions();
+    let pixels = limits.check(u64::from(width), u64::from(height), 3)?;
+    if pixels == 0 {
+        return Err(ImageError::damaged("Radiance HDR", "no pixels"));
+    }
+    // The shortest code of a scan line covers 127 pixels with 2 bytes per component.
+    if pixels as u64 / 127 > bytes.len() as u64 {
+        return Err(ImageError::damaged(
+            "Radiance HDR",
+            "it ends before its pixels",
+        ));
+    }
+    let mut buffer = vec![0; pixels * 12];
+    decoder.read_image(&mut buffer).map_err(damaged)?;
+    let mut image = Image::new(width as usize, height as usize);
+    for (k, name) in ["R", "G", "B"].into_iter().enumerate() {
+        let plane = buffer
+            .chunks_exact(12)
+            .map(|p| f32::from_ne_bytes([p[4 * k], p[4 * k + 1], p[4 * k + 2], p[4 * k + 3]]));
+        image.push_channel(name, plane.collect());
+    }
+    Ok(image)
+}
