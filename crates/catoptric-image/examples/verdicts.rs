@@ -15,12 +15,7 @@ fn main() {
         let verdict = match Image::read(Path::new(&path), &ReadLimits::default()) {
             Ok(image) => {
                 let names: Vec<&str> = image.channels.iter().map(|c| c.name.as_str()).collect();
-                format!(
-                    "ok {path}: {}x{} {}",
-                    image.width,
-                    image.height,
-                    names.join(",")
-                )
+                format!("ok {path}: {}x{} {}", image.width, image.height, names.join(","))
             }
             Err(error) => format!("error {error}"),
         };

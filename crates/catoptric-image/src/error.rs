@@ -60,26 +60,15 @@ pub enum ImageError {
 
 impl ImageError {
     pub(crate) fn io(path: &Path, source: std::io::Error) -> Self {
-        ImageError::Io {
-            path: path.to_path_buf(),
-            source,
-        }
+        ImageError::Io { path: path.to_path_buf(), source }
     }
 
     pub(crate) fn damaged(format: &'static str, reason: impl ToString) -> Self {
-        ImageError::Damaged {
-            name: String::new(),
-            format,
-            reason: one_line(&reason.to_string()),
-        }
+        ImageError::Damaged { name: String::new(), format, reason: one_line(&reason.to_string()) }
     }
 
     pub(crate) fn unsupported(format: &'static str, feature: impl ToString) -> Self {
-        ImageError::Unsupported {
-            name: String::new(),
-            format,
-            feature: one_line(&feature.to_string()),
-        }
+        ImageError::Unsupported { name: String::new(), format, feature: one_line(&feature.to_string()) }
     }
 
     /// The same error, naming the file it is about.
@@ -97,10 +86,6 @@ impl ImageError {
 
 /// Decoders quote what they found in the file: keep it printable and short.
 fn one_line(text: &str) -> String {
-    let printable: String = text
-        .chars()
-        .map(|c| if c.is_control() { ' ' } else { c })
-        .take(200)
-        .collect();
+    let printable: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).take(200).collect();
     printable.trim().to_owned()
 }

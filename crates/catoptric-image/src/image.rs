@@ -45,11 +45,7 @@ pub struct Image {
 impl Image {
     /// An image without channels.
     pub fn new(width: usize, height: usize) -> Image {
-        Image {
-            width,
-            height,
-            ..Image::default()
-        }
+        Image { width, height, ..Image::default() }
     }
 
     /// An image whose beauty is `pixels`.
@@ -65,10 +61,7 @@ impl Image {
     /// If `pixels` does not have width × height elements.
     pub fn push_rgb_layer(&mut self, layer: &str, pixels: &[[f32; 3]]) {
         for (k, suffix) in ["R", "G", "B"].into_iter().enumerate() {
-            self.push_channel(
-                &channel_name(layer, suffix),
-                pixels.iter().map(|p| p[k]).collect(),
-            );
+            self.push_channel(&channel_name(layer, suffix), pixels.iter().map(|p| p[k]).collect());
         }
     }
 
@@ -84,29 +77,19 @@ impl Image {
             self.width,
             self.height
         );
-        self.channels.push(Channel {
-            name: name.to_owned(),
-            samples,
-        });
+        self.channels.push(Channel { name: name.to_owned(), samples });
     }
 
     /// The samples of the channel with exactly this name.
     pub fn channel(&self, name: &str) -> Option<&[f32]> {
-        self.channels
-            .iter()
-            .find(|c| c.name == name)
-            .map(|c| c.samples.as_slice())
+        self.channels.iter().find(|c| c.name == name).map(|c| c.samples.as_slice())
     }
 
     /// Names of the colour layers: the beauty (`""`) first, then in alphabetical order. A layer is a colour layer when it
     /// has any of the channels R, G, B or Y.
     pub fn layers(&self) -> Vec<String> {
-        let mut names: Vec<String> = self
-            .channels
-            .iter()
-            .filter_map(|c| colour_layer(&c.name))
-            .map(str::to_owned)
-            .collect();
+        let mut names: Vec<String> =
+            self.channels.iter().filter_map(|c| colour_layer(&c.name)).map(str::to_owned).collect();
         names.sort();
         names.dedup();
         names
@@ -120,17 +103,11 @@ impl Image {
         let [r, g, b, y] = ["R", "G", "B", "Y"].map(|s| self.channel(&channel_name(layer, s)));
         let present: Vec<&[f32]> = [r, g, b].into_iter().flatten().collect();
         match (present.as_slice(), y) {
-            ([], y) => y
-                .or_else(|| self.channel(layer))
-                .map(|only| only.iter().map(|&v| [v; 3]).collect()),
+            ([], y) => y.or_else(|| self.channel(layer)).map(|only| only.iter().map(|&v| [v; 3]).collect()),
             ([only], _) => Some(only.iter().map(|&v| [v; 3]).collect()),
             _ => {
                 let at = |plane: Option<&[f32]>, i: usize| plane.map_or(0.0, |p| p[i]);
-                Some(
-                    (0..self.width * self.height)
-                        .map(|i| [at(r, i), at(g, i), at(b, i)])
-                        .collect(),
-                )
+                Some((0..self.width * self.height).map(|i| [at(r, i), at(g, i), at(b, i)]).collect())
             }
         }
     }
@@ -166,11 +143,7 @@ impl Image {
 
 /// `R` of the layer `albedo` is `albedo.R`; of the beauty, `R`.
 fn channel_name(layer: &str, suffix: &str) -> String {
-    if layer.is_empty() {
-        suffix.to_owned()
-    } else {
-        format!("{layer}.{suffix}")
-    }
+    if layer.is_empty() { suffix.to_owned() } else { format!("{layer}.{suffix}") }
 }
 
 /// The layer a colour channel belongs to.

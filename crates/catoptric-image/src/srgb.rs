@@ -4,20 +4,12 @@ use std::sync::LazyLock;
 
 /// Linear light of a code value in [0,1].
 pub fn decode(code: f32) -> f32 {
-    if code <= 0.04045 {
-        code / 12.92
-    } else {
-        libm::powf((code + 0.055) / 1.055, 2.4)
-    }
+    if code <= 0.04045 { code / 12.92 } else { libm::powf((code + 0.055) / 1.055, 2.4) }
 }
 
 /// Code value of linear light in [0,1].
 pub fn encode(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 {
-        linear * 12.92
-    } else {
-        1.055 * libm::powf(linear, 1.0 / 2.4) - 0.055
-    }
+    if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * libm::powf(linear, 1.0 / 2.4) - 0.055 }
 }
 
 /// Linear light of the 256 byte codes.

@@ -1,1 +1,7 @@
-//! Pass one: patch mesh, form factor rows, solvers, refinement and the gather
+//! Pass one: from a scene to irradiance on a display mesh.
+//!
+//! Does not know cameras or images.
+
+pub mod solve;
+
+pub use solve::{SolveParams, SolveReport, Solved, solve};

@@ -1,1 +1,7 @@
-//! Pass two: eye rays, irradiance look-up, anti-aliasing and layers
+//! Pass two: a Whitted ray tracer that reads the irradiance of pass one as its diffuse term.
+//!
+//! Does not know form factor methods or solvers.
+
+pub mod render;
+
+pub use render::{RenderParams, RenderReport, Rendered, render};

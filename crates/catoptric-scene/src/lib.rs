@@ -8,14 +8,18 @@ pub mod gltf;
 pub mod id;
 pub mod light;
 pub mod material;
+pub mod progress;
 pub mod quantity;
 pub mod scene;
+pub mod side;
 pub mod texture;
 
 pub use camera::{Camera, Projection};
 pub use id::{MaterialId, SurfaceId, TextureId, TriangleId};
 pub use light::{PunctualKind, PunctualLight, Sky, SkyImage};
 pub use material::{AlphaMode, Material, MaterialReading, SurfacePoint, Transmission};
+pub use progress::{Cancelled, Progress, Silent};
 pub use quantity::{Irradiance, Radiance, Radiosity, Rgb};
 pub use scene::{Barycentric, Scene, SceneIssue, SceneParts, Surface, Triangle, Vertex};
+pub use side::Side;
 pub use texture::{Texture, TextureRef, TextureTransform, Wrap};

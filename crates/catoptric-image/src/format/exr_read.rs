@@ -60,26 +60,17 @@ fn check(meta: &MetaData, file_size: usize, limits: &ReadLimits) -> Result<Windo
             i64::from(header.own_attributes.layer_position.x()),
             i64::from(header.own_attributes.layer_position.y()),
         );
-        let (width, height) = (
-            header.layer_size.width() as i64,
-            header.layer_size.height() as i64,
-        );
+        let (width, height) = (header.layer_size.width() as i64, header.layer_size.height() as i64);
         if width < 1 || height < 1 {
             return Err(ImageError::damaged("EXR", "empty data window"));
         }
         (left, top) = (left.min(x), top.min(y));
         (right, bottom) = (right.max(x + width), bottom.max(y + height));
         chunks += header.chunk_count as u128;
-        if let Some(channel) = header
-            .channels
-            .list
-            .iter()
-            .find(|c| c.sampling.x() != 1 || c.sampling.y() != 1)
+        if let Some(channel) =
+            header.channels.list.iter().find(|c| c.sampling.x() != 1 || c.sampling.y() != 1)
         {
-            return Err(ImageError::unsupported(
-                "EXR",
-                format!("the subsampled channel {}", channel.name),
-            ));
+            return Err(ImageError::unsupported("EXR", format!("the subsampled channel {}", channel.name)));
         }
         if header.channels.list.is_empty() {
             return Err(ImageError::damaged("EXR", "a part without channels"));
@@ -101,12 +92,7 @@ fn check(meta: &MetaData, file_size: usize, limits: &ReadLimits) -> Result<Windo
     let channels = meta.headers.iter().map(|h| h.channels.list.len()).sum();
     let (width, height) = ((right - left) as u64, (bottom - top) as u64);
     limits.check(width, height, channels)?;
-    Ok(Window {
-        left,
-        top,
-        width: width as usize,
-        height: height as usize,
-    })
+    Ok(Window { left, top, width: width as usize, height: height as usize })
 }
 
 /// The channel's name in the image: the first part's names stay, others carry their part's name once.
@@ -115,11 +101,7 @@ fn qualified_name(part: usize, header: &Header, channel: &Text) -> String {
     match &header.own_attributes.layer_name {
         Some(layer) if part > 0 => {
             let prefix = format!("{}.", utf8(layer));
-            if channel.starts_with(&prefix) {
-                channel
-            } else {
-                prefix + &channel
-            }
+            if channel.starts_with(&prefix) { channel } else { prefix + &channel }
         }
         None if part > 0 => format!("part{part}.{channel}"),
         _ => channel,
@@ -136,20 +118,14 @@ fn unique_name(image: &Image, name: String) -> String {
     if image.channel(&name).is_none() {
         return name;
     }
-    (2..)
-        .map(|n| format!("{n}.{name}"))
-        .find(|name| image.channel(name).is_none())
-        .unwrap_or(name)
+    (2..).map(|n| format!("{n}.{name}")).find(|name| image.channel(name).is_none()).unwrap_or(name)
 }
 
 /// Keeps what the header says in words.
 fn collect_text(header: &Header, image: &mut Image) {
     let own = &header.own_attributes;
-    for (name, text) in [
-        ("comments", &own.comments),
-        ("software", &own.software_name),
-        ("owner", &own.owner),
-    ] {
+    for (name, text) in [("comments", &own.comments), ("software", &own.software_name), ("owner", &own.owner)]
+    {
         if let Some(text) = text {
             image.attributes.insert(name.to_owned(), utf8(text));
         }
@@ -207,18 +183,10 @@ fn chunk_key(chunk: &Chunk) -> (usize, i64, i64, usize, usize) {
     match &chunk.compressed_block {
         CompressedBlock::Tile(t) => {
             let (tile, level) = (t.coordinates.tile_index, t.coordinates.level_index);
-            (
-                chunk.layer_index,
-                tile.0 as i64,
-                tile.1 as i64,
-                level.0,
-                level.1,
-            )
+            (chunk.layer_index, tile.0 as i64, tile.1 as i64, level.0, level.1)
         }
         CompressedBlock::ScanLine(s) => (chunk.layer_index, 0, i64::from(s.y_coordinate), 0, 0),
-        CompressedBlock::DeepScanLine(_) | CompressedBlock::DeepTile(_) => {
-            (chunk.layer_index, 0, 0, 0, 0)
-        }
+        CompressedBlock::DeepScanLine(_) | CompressedBlock::DeepTile(_) => (chunk.layer_index, 0, 0, 0, 0),
     }
 }
 
@@ -231,10 +199,7 @@ fn place(
 ) -> Result<(), ImageError> {
     let layer = block.index.layer;
     let header = &meta.headers[layer];
-    let first_channel: usize = meta.headers[..layer]
-        .iter()
-        .map(|h| h.channels.list.len())
-        .sum();
+    let first_channel: usize = meta.headers[..layer].iter().map(|h| h.channels.list.len()).sum();
     let position = header.own_attributes.layer_position;
     let dx = (i64::from(position.x()) - window.left) as usize;
     let dy = (i64::from(position.y()) - window.top) as usize;
@@ -243,10 +208,8 @@ fn place(
     for y in 0..block.index.pixel_size.height() {
         for (k, channel) in header.channels.list.iter().enumerate() {
             let size = width * channel.sample_type.bytes_per_sample();
-            let line = block
-                .data
-                .get(at..at + size)
-                .ok_or_else(|| ImageError::damaged("EXR", "a short block"))?;
+            let line =
+                block.data.get(at..at + size).ok_or_else(|| ImageError::damaged("EXR", "a short block"))?;
             at += size;
             let start = (block.index.pixel_position.y() + y + dy) * window.width
                 + block.index.pixel_position.x()
@@ -279,9 +242,7 @@ fn damaged(error: exr::error::Error) -> ImageError {
         exr::error::Error::NotSupported(feature) => {
             ImageError::unsupported("EXR", feature.trim_end_matches(" not supported yet"))
         }
-        exr::error::Error::Io(_) => {
-            ImageError::damaged("EXR", "it ends before what its headers promise")
-        }
+        exr::error::Error::Io(_) => ImageError::damaged("EXR", "it ends before what its headers promise"),
         error => ImageError::damaged("EXR", error),
     }
 }

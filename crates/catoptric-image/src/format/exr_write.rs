@@ -24,18 +24,12 @@ pub(crate) fn encode(image: &Image) -> Result<Vec<u8>, ImageError> {
     // Write the header.
     let mut file = Vec::new();
     file.extend([0x76, 0x2f, 0x31, 0x01]);
-    let long_names = channels
-        .iter()
-        .map(|c| c.name.len())
-        .chain(image.attributes.keys().map(String::len))
-        .any(|n| n > 31);
+    let long_names =
+        channels.iter().map(|c| c.name.len()).chain(image.attributes.keys().map(String::len)).any(|n| n > 31);
     file.extend(u32::to_le_bytes(if long_names { 2 | 0x400 } else { 2 }));
     attribute(&mut file, "channels", "chlist", &channel_list(&channels));
     attribute(&mut file, "compression", "compression", &[ZIP16]);
-    let window: Vec<u8> = [0, 0, right, bottom]
-        .into_iter()
-        .flat_map(i32::to_le_bytes)
-        .collect();
+    let window: Vec<u8> = [0, 0, right, bottom].into_iter().flat_map(i32::to_le_bytes).collect();
     attribute(&mut file, "dataWindow", "box2i", &window);
     attribute(&mut file, "displayWindow", "box2i", &window);
     attribute(&mut file, "lineOrder", "lineOrder", &[0]);
@@ -67,33 +61,18 @@ pub(crate) fn encode(image: &Image) -> Result<Vec<u8>, ImageError> {
 fn sorted_channels(image: &Image) -> Result<Vec<&Channel>, ImageError> {
     let mut channels: Vec<&Channel> = image.channels.iter().collect();
     channels.sort_by(|a, b| a.name.cmp(&b.name));
-    if let Some(pair) = channels
-        .windows(2)
-        .find(|pair| pair[0].name == pair[1].name)
-    {
-        return Err(ImageError::Inconsistent(format!(
-            "two channels are called {}",
-            pair[0].name
-        )));
+    if let Some(pair) = channels.windows(2).find(|pair| pair[0].name == pair[1].name) {
+        return Err(ImageError::Inconsistent(format!("two channels are called {}", pair[0].name)));
     }
     if channels.is_empty() {
         return Err(ImageError::Inconsistent("it has no channels".to_owned()));
     }
-    for name in channels
-        .iter()
-        .map(|c| &c.name)
-        .chain(image.attributes.keys())
-    {
+    for name in channels.iter().map(|c| &c.name).chain(image.attributes.keys()) {
         if !(1..256).contains(&name.len()) || name.bytes().any(|b| b == 0) {
-            return Err(ImageError::Inconsistent(format!(
-                "{name:?} is not a name OpenEXR can hold"
-            )));
+            return Err(ImageError::Inconsistent(format!("{name:?} is not a name OpenEXR can hold")));
         }
     }
-    if let Some(wrong) = channels
-        .iter()
-        .find(|c| c.samples.len() != image.width * image.height)
-    {
+    if let Some(wrong) = channels.iter().find(|c| c.samples.len() != image.width * image.height) {
         let (found, name) = (wrong.samples.len(), &wrong.name);
         return Err(ImageError::Inconsistent(format!(
             "channel {name} has {found} samples, not {}x{}",
@@ -107,10 +86,7 @@ fn last_pixel(image: &Image) -> Result<(i32, i32), ImageError> {
     let last = |n: usize| i32::try_from(n).ok().filter(|&n| n > 0).map(|n| n - 1);
     match (last(image.width), last(image.height)) {
         (Some(right), Some(bottom)) => Ok((right, bottom)),
-        _ => Err(ImageError::Inconsistent(format!(
-            "its size is {}x{}",
-            image.width, image.height
-        ))),
+        _ => Err(ImageError::Inconsistent(format!("its size is {}x{}", image.width, image.height))),
     }
 }
 
@@ -150,11 +126,7 @@ fn block(image: &Image, channels: &[&Channel], index: usize) -> Vec<u8> {
     }
     let packed = zip(&raw);
     // A block that does not shrink is stored as it is.
-    let data = if packed.len() < raw.len() {
-        &packed
-    } else {
-        &raw
-    };
+    let data = if packed.len() < raw.len() { &packed } else { &raw };
     let mut block = Vec::with_capacity(8 + data.len());
     block.extend((first as u32).to_le_bytes());
     block.extend((data.len() as u32).to_le_bytes());
@@ -164,21 +136,10 @@ fn block(image: &Image, channels: &[&Channel], index: usize) -> Vec<u8> {
 
 /// OpenEXR's ZIP: even bytes before odd bytes, then differences, then zlib.
 fn zip(raw: &[u8]) -> Vec<u8> {
-    let mut bytes: Vec<u8> = raw
-        .iter()
-        .step_by(2)
-        .chain(raw.iter().skip(1).step_by(2))
-        .copied()
-        .collect();
+    let mut bytes: Vec<u8> = raw.iter().step_by(2).chain(raw.iter().skip(1).step_by(2)).copied().collect();
     for i in (1..bytes.len()).rev() {
         bytes[i] = bytes[i].wrapping_sub(bytes[i - 1]).wrapping_add(128);
     }
-    let mut encoder = ZlibEncoder::new(
-        Vec::with_capacity(bytes.len() / 2),
-        Compression::new(ZIP_LEVEL),
-    );
-    encoder
-        .write_all(&bytes)
-        .and_then(|()| encoder.finish())
-        .expect("writing to memory does not fail")
+    let mut encoder = ZlibEncoder::new(Vec::with_capacity(bytes.len() / 2), Compression::new(ZIP_LEVEL));
+    encoder.write_all(&bytes).and_then(|()| encoder.finish()).expect("writing to memory does not fail")
 }

@@ -17,10 +17,7 @@ pub(crate) fn decode(bytes: &[u8], limits: &ReadLimits) -> Result<Image, ImageEr
     }
     // The shortest code of a scan line covers 127 pixels with 2 bytes per component.
     if pixels as u64 / 127 > bytes.len() as u64 {
-        return Err(ImageError::damaged(
-            "Radiance HDR",
-            "it ends before its pixels",
-        ));
+        return Err(ImageError::damaged("Radiance HDR", "it ends before its pixels"));
     }
     let mut buffer = vec![0; pixels * 12];
     decoder.read_image(&mut buffer).map_err(damaged)?;

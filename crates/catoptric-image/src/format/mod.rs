@@ -37,10 +37,7 @@ impl Format {
             (b"Pf\n", Format::Pfm),
             (b"PF\r\n", Format::Pfm),
         ];
-        MAGIC
-            .iter()
-            .find(|(magic, _)| bytes.starts_with(magic))
-            .map(|&(_, format)| format)
+        MAGIC.iter().find(|(magic, _)| bytes.starts_with(magic)).map(|&(_, format)| format)
     }
 
     fn name(self) -> &'static str {
@@ -59,43 +56,22 @@ pub(crate) fn read_bytes(path: &Path, limits: &ReadLimits) -> Result<Vec<u8>, Im
     let at = |error| ImageError::io(path, error);
     let file = std::fs::File::open(path).map_err(at)?;
     if file.metadata().map_err(at)?.is_dir() {
-        return Err(at(std::io::Error::new(
-            std::io::ErrorKind::IsADirectory,
-            "is a folder, not an image",
-        )));
+        return Err(at(std::io::Error::new(std::io::ErrorKind::IsADirectory, "is a folder, not an image")));
     }
     // The size is measured while reading: a pipe or a device has no length to ask for.
     let mut bytes = Vec::new();
-    file.take(limits.max_bytes + 1)
-        .read_to_end(&mut bytes)
-        .map_err(at)?;
-    within(
-        "file size in bytes",
-        bytes.len() as u128,
-        u128::from(limits.max_bytes),
-    )
-    .map_err(|e| e.in_file(path))?;
+    file.take(limits.max_bytes + 1).read_to_end(&mut bytes).map_err(at)?;
+    within("file size in bytes", bytes.len() as u128, u128::from(limits.max_bytes))
+        .map_err(|e| e.in_file(path))?;
     Ok(bytes)
 }
 
 /// Decodes by content. A panic inside a decoder is a damaged file.
 pub(crate) fn decode(bytes: &[u8], limits: &ReadLimits) -> Result<Image, ImageError> {
     let Some(format) = Format::of(bytes) else {
-        let start = bytes
-            .iter()
-            .take(8)
-            .map(|b| format!("{b:02x}"))
-            .collect::<Vec<_>>()
-            .join(" ");
-        let start = if start.is_empty() {
-            "nothing: it is empty".to_owned()
-        } else {
-            start
-        };
-        return Err(ImageError::UnknownFormat {
-            name: String::new(),
-            start,
-        });
+        let start = bytes.iter().take(8).map(|b| format!("{b:02x}")).collect::<Vec<_>>().join(" ");
+        let start = if start.is_empty() { "nothing: it is empty".to_owned() } else { start };
+        return Err(ImageError::UnknownFormat { name: String::new(), start });
     };
     catch_unwind(AssertUnwindSafe(|| match format {
         Format::Exr => exr_read::decode(bytes, limits),
@@ -104,25 +80,12 @@ pub(crate) fn decode(bytes: &[u8], limits: &ReadLimits) -> Result<Image, ImageEr
         Format::Hdr => hdr::decode(bytes, limits),
         Format::Pfm => pfm::decode(bytes, limits),
     }))
-    .unwrap_or_else(|_| {
-        Err(ImageError::damaged(
-            format.name(),
-            "its decoder gave up on it",
-        ))
-    })
+    .unwrap_or_else(|_| Err(ImageError::damaged(format.name(), "its decoder gave up on it")))
 }
 
 /// An image of sRGB samples: colours are decoded to linear light, an alpha channel is kept as it is.
-fn from_coded(
-    width: usize,
-    height: usize,
-    channels: usize,
-    sample: impl Fn(usize) -> f32,
-) -> Image {
-    let mut image = Image {
-        encoding: Encoding::Srgb,
-        ..Image::new(width, height)
-    };
+fn from_coded(width: usize, height: usize, channels: usize, sample: impl Fn(usize) -> f32) -> Image {
+    let mut image = Image { encoding: Encoding::Srgb, ..Image::new(width, height) };
     let names: &[&str] = match channels {
         1 => &["Y"],
         2 => &["Y", "A"],
@@ -131,11 +94,7 @@ fn from_coded(
     };
     for (k, name) in names.iter().enumerate() {
         let coded = (0..width * height).map(|i| sample(i * channels + k));
-        let samples = if *name == "A" {
-            coded.collect()
-        } else {
-            coded.map(srgb::decode).collect()
-        };
+        let samples = if *name == "A" { coded.collect() } else { coded.map(srgb::decode).collect() };
         image.push_channel(name, samples);
     }
     image

@@ -30,9 +30,7 @@ pub(super) fn decode_with(
         return Err(ImageError::damaged(format, "no pixels"));
     }
     let mut buffer = vec![0; decoder.total_bytes() as usize];
-    decoder
-        .read_image(&mut buffer)
-        .map_err(|error| ImageError::damaged(format, error))?;
+    decoder.read_image(&mut buffer).map_err(|error| ImageError::damaged(format, error))?;
     let (width, height) = (width as usize, height as usize);
     match colour {
         ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => {
@@ -41,10 +39,7 @@ pub(super) fn decode_with(
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
             Ok(super::from_words(width, height, channels, &buffer))
         }
-        other => Err(ImageError::unsupported(
-            format,
-            format!("samples of type {other:?}"),
-        )),
+        other => Err(ImageError::unsupported(format, format!("samples of type {other:?}"))),
     }
 }
 
@@ -53,35 +48,23 @@ pub(super) fn decode_with(
 /// # Panics
 /// If `pixels` does not have width × height elements.
 pub fn encode_png8(width: usize, height: usize, pixels: &[[u8; 3]]) -> Result<Vec<u8>, ImageError> {
-    assert_eq!(
-        pixels.len(),
-        width * height,
-        "pixels do not fit {width}x{height}"
-    );
+    assert_eq!(pixels.len(), width * height, "pixels do not fit {width}x{height}");
     let refused = |error: png::EncodingError| ImageError::Inconsistent(error.to_string());
-    let side = |n: usize| {
-        u32::try_from(n).map_err(|_| ImageError::Inconsistent(format!("{n} pixels on a side")))
-    };
+    let side =
+        |n: usize| u32::try_from(n).map_err(|_| ImageError::Inconsistent(format!("{n} pixels on a side")));
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, side(width)?, side(height)?);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
     let mut writer = encoder.write_header().map_err(refused)?;
-    writer
-        .write_image_data(pixels.as_flattened())
-        .map_err(refused)?;
+    writer.write_image_data(pixels.as_flattened()).map_err(refused)?;
     writer.finish().map_err(refused)?;
     Ok(bytes)
 }
 
 /// Writes [`encode_png8`] atomically.
-pub fn write_png8(
-    path: &Path,
-    width: usize,
-    height: usize,
-    pixels: &[[u8; 3]],
-) -> Result<(), ImageError> {
+pub fn write_png8(path: &Path, width: usize, height: usize, pixels: &[[u8; 3]]) -> Result<(), ImageError> {
     let bytes = encode_png8(width, height, pixels)?;
     write_bytes_atomically(path, &bytes).map_err(|error| ImageError::io(path, error))
 }

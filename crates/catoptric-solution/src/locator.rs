@@ -1,0 +1,157 @@
+//! Finds the element of a face that holds a point: a grid of element lists per face, in plane coordinates.
+
+use glam::Vec2;
+
+use crate::mesh::{DisplayVertex, Element, Face, FaceId};
+
+/// Grids of all faces in shared tables.
+#[derive(Clone, Debug, Default)]
+pub struct Locator {
+    grids: Vec<Grid>,
+    /// Start of each cell's list in `entries`, one more than there are cells.
+    starts: Vec<u32>,
+    entries: Vec<u32>,
+    shapes: Vec<Shape>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Grid {
+    min: Vec2,
+    cells_per_metre: Vec2,
+    columns: u32,
+    rows: u32,
+    first_cell: u32,
+}
+
+/// Barycentric coordinates as an affine map of plane coordinates: (u, v) = matrix · (p − origin).
+#[derive(Clone, Copy, Debug, Default)]
+struct Shape {
+    origin: Vec2,
+    u: Vec2,
+    v: Vec2,
+}
+
+impl Shape {
+    fn new(a: Vec2, b: Vec2, c: Vec2) -> Self {
+        let (e, f) = (b - a, c - a);
+        let determinant = e.perp_dot(f);
+        if determinant == 0.0 {
+            return Self { origin: a, u: Vec2::ZERO, v: Vec2::ZERO };
+        }
+        Self { origin: a, u: Vec2::new(f.y, -f.x) / determinant, v: Vec2::new(-e.y, e.x) / determinant }
+    }
+
+    #[inline]
+    fn weights(&self, point: Vec2) -> [f32; 3] {
+        let offset = point - self.origin;
+        let (u, v) = (self.u.dot(offset), self.v.dot(offset));
+        [1.0 - u - v, u, v]
+    }
+}
+
+impl Locator {
+    /// Builds the grids: about one cell per element.
+    pub fn new(vertices: &[DisplayVertex], elements: &[Element], faces: &[Face]) -> Self {
+        let mut locator = Self { shapes: Vec::with_capacity(elements.len()), ..Self::default() };
+        let mut corners = Vec::new();
+        for face in faces {
+            corners.clear();
+            let own = &elements[face.elements.start as usize..face.elements.end as usize];
+            corners.extend(
+                own.iter().map(|e| e.vertices.map(|v| face.plane_point(vertices[v as usize].position))),
+            );
+            locator.shapes.extend(corners.iter().map(|[a, b, c]| Shape::new(*a, *b, *c)));
+            locator.push_grid(&corners, face.elements.start);
+        }
+        locator.starts.push(locator.entries.len() as u32);
+        locator
+    }
+
+    fn push_grid(&mut self, corners: &[[Vec2; 3]], first_element: u32) {
+        let mut min = Vec2::INFINITY;
+        let mut max = Vec2::NEG_INFINITY;
+        for corner in corners.iter().flatten() {
+            min = min.min(*corner);
+            max = max.max(*corner);
+        }
+        let first_cell = self.starts.len() as u32;
+        let extent = max - min;
+        if corners.is_empty() || !extent.is_finite() {
+            self.grids.push(Grid { first_cell, ..Grid::default() });
+            return;
+        }
+        // Cells near to square, about one per element, at most 1024 a side.
+        let count = corners.len() as f32;
+        let aspect = (extent.x / extent.y.max(1e-30)).clamp(1e-3, 1e3);
+        let columns = ((count * aspect).sqrt().ceil() as u32).clamp(1, 1024);
+        let rows = ((count / aspect).sqrt().ceil() as u32).clamp(1, 1024);
+        let cells_per_metre =
+            Vec2::new(columns as f32 / extent.x.max(1e-30), rows as f32 / extent.y.max(1e-30));
+        let grid = Grid { min, cells_per_metre, columns, rows, first_cell };
+        let range = |low: f32, high: f32, cells: u32| {
+            let clamp = |x: f32| (x as i64).clamp(0, i64::from(cells) - 1) as u32;
+            // A hair wider than the element: a point on a cell border may round either way.
+            (clamp((low - 1e-3).floor()), clamp((high + 1e-3).floor()))
+        };
+        let mut lists: Vec<Vec<u32>> = vec![Vec::new(); (columns * rows) as usize];
+        for (index, [a, b, c]) in corners.iter().enumerate() {
+            let low = (a.min(*b).min(*c) - min) * cells_per_metre;
+            let high = (a.max(*b).max(*c) - min) * cells_per_metre;
+            let ((x0, x1), (y0, y1)) = (range(low.x, high.x, columns), range(low.y, high.y, rows));
+            for y in y0..=y1 {
+                for x in x0..=x1 {
+                    lists[(y * columns + x) as usize].push(first_element + index as u32);
+                }
+            }
+        }
+        for list in &lists {
+            self.starts.push(self.entries.len() as u32);
+            self.entries.extend(list);
+        }
+        self.grids.push(grid);
+    }
+
+    /// The element at `point` and its weights. A point between elements by rounding, or outside of the face, gets the
+    /// element that it is least outside of, with weights clamped into it.
+    #[inline]
+    pub fn find(&self, id: FaceId, face: &Face, point: Vec2) -> Option<(u32, [f32; 3])> {
+        let grid = &self.grids[id.0 as usize];
+        if face.elements.end == face.elements.start + 1 {
+            let element = face.elements.start;
+            return Some((element, inside(self.shapes[element as usize].weights(point))));
+        }
+        if grid.columns == 0 {
+            return None;
+        }
+        let cell = (point - grid.min) * grid.cells_per_metre;
+        let x = (cell.x.max(0.0) as u32).min(grid.columns - 1);
+        let y = (cell.y.max(0.0) as u32).min(grid.rows - 1);
+        let index = (grid.first_cell + y * grid.columns + x) as usize;
+        let list = &self.entries[self.starts[index] as usize..self.starts[index + 1] as usize];
+        self.best(list.iter().copied(), point).or_else(|| self.best(face.elements.clone(), point))
+    }
+
+    #[inline]
+    fn best(&self, candidates: impl Iterator<Item = u32>, point: Vec2) -> Option<(u32, [f32; 3])> {
+        let mut best: Option<(u32, [f32; 3], f32)> = None;
+        for element in candidates {
+            let weights = self.shapes[element as usize].weights(point);
+            let depth = weights[0].min(weights[1]).min(weights[2]);
+            if depth >= 0.0 {
+                return Some((element, weights));
+            }
+            if best.is_none_or(|b| depth > b.2) {
+                best = Some((element, weights, depth));
+            }
+        }
+        best.map(|(element, weights, _)| (element, inside(weights)))
+    }
+}
+
+/// Weights moved to the nearest side of the element: ≥ 0, sum 1.
+#[inline]
+fn inside(weights: [f32; 3]) -> [f32; 3] {
+    let [a, b, c] = weights.map(|w| if w > 0.0 { w } else { 0.0 });
+    let sum = a + b + c;
+    if sum > 0.0 { [a / sum, b / sum, c / sum] } else { [1.0, 0.0, 0.0] }
+}
