@@ -1,10 +1,8 @@
 //! What is refused, and what is said about it.
 
-mod support;
-
+use super::support::{Builder, box_mesh};
 use catoptric_scene::gltf::{LoadOptions, load};
 use serde_json::json;
-use support::{Builder, box_mesh};
 
 fn refusal(builder: Builder) -> String {
     builder.try_load().map(|loaded| loaded.warnings).expect_err("must be refused").to_string()
@@ -122,7 +120,7 @@ fn each_limit_stops_a_file_that_exceeds_it() {
         LoadOptions { max_node_depth: 1, ..fits.clone() },
         LoadOptions { max_surfaces: 0, ..fits.clone() },
         LoadOptions { max_file_bytes: 100, ..fits.clone() },
-        LoadOptions { max_json_memory: 1000, ..fits.clone() },
+        LoadOptions { max_json_memory: 1000, ..fits },
     ] {
         assert!(load(&path, &tight).is_err(), "{tight:?}");
     }

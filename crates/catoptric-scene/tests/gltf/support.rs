@@ -1,5 +1,4 @@
 //! Builds small glTF files for the tests.
-#![allow(dead_code, reason = "each test file uses a part of it")]
 
 use std::path::{Path, PathBuf};
 

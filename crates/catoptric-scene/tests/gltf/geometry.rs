@@ -1,11 +1,9 @@
 //! Meshes, accessors and nodes as they come into the scene.
 
-mod support;
-
+use super::support::{Builder, box_mesh};
 use catoptric_scene::{Barycentric, Scene, TriangleId};
 use glam::{Vec3, Vec4};
 use serde_json::json;
-use support::{Builder, box_mesh};
 
 const SQUARE: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0];
 

@@ -1,12 +1,10 @@
 //! Materials, textures, lights and cameras as they come into the scene.
 
-mod support;
-
+use super::support::Builder;
 use catoptric_scene::gltf::Loaded;
 use catoptric_scene::{Barycentric, Projection, PunctualKind, Rgb, SurfacePoint, Transmission, TriangleId};
 use glam::{Vec2, Vec3};
 use serde_json::{Value, json};
-use support::Builder;
 
 const MIDDLE: Barycentric = Barycentric { u: 0.25, v: 0.25 };
 
@@ -188,7 +186,7 @@ fn lights_stand_and_shine_where_their_nodes_put_them() {
 #[test]
 fn a_file_without_a_camera_gets_one_that_sees_everything() {
     let mut builder = Builder::new();
-    let (position, indices) = support::box_mesh(&mut builder, 3.0, false);
+    let (position, indices) = super::support::box_mesh(&mut builder, 3.0, false);
     builder.show("box", json!({ "attributes": { "POSITION": position }, "indices": indices }));
     let loaded = builder.load();
     let camera = &loaded.scene.cameras()[0];
