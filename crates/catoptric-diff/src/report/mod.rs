@@ -186,8 +186,8 @@ fn checks_table(checks: &[Check]) -> String {
         );
     }
     format!(
-        "<table><caption>Limits</caption><thead><tr><th scope=\"col\">metric</th><th scope=\"col\">layer</th><th scope=\"col\">value</th>\
-         <th scope=\"col\">limit</th><th scope=\"col\">verdict</th></tr></thead><tbody>{rows}</tbody></table>"
+        "<table><caption>Limits</caption><thead><tr><th scope=\"col\">metric</th><th scope=\"col\">layer</th><th scope=\"col\" class=\"number\">value</th>\
+         <th scope=\"col\" class=\"number\">limit</th><th scope=\"col\">verdict</th></tr></thead><tbody>{rows}</tbody></table>"
     )
 }
 
@@ -195,7 +195,7 @@ fn layer_section(layer: &LayerComparison) -> String {
     let rows: String = layer.readings.iter().map(reading_row).collect();
     format!(
         "<section class=\"numbers\"><table><caption>Metrics: {}</caption><thead><tr><th scope=\"col\">metric</th>\
-         <th scope=\"col\">value</th><th scope=\"col\">equal is</th><th scope=\"col\">pixel</th></tr></thead><tbody>{rows}</tbody></table>{}</section>",
+         <th scope=\"col\" class=\"number\">value</th><th scope=\"col\" class=\"number\">equal is</th><th scope=\"col\">pixel</th></tr></thead><tbody>{rows}</tbody></table>{}</section>",
         escape(layer.title()),
         histogram_figure(&layer.pair),
     )
