@@ -374,9 +374,15 @@ impl Filtered {
                 let rgb = source[(tile.left + x).saturating_sub(radius).min(width - 1)];
                 [first[x], second[x], third[x]] = rgb;
             }
-            for x in 0..tile.width + 2 * radius {
-                let rgb = [first[x], second[x], third[x]].map(|v| display(v, gain));
-                [first[x], second[x], third[x]] = ycxcz(rgb);
+            let groups = (tile.width + 2 * radius).div_ceil(LANES) * LANES;
+            let planes = first[..groups]
+                .chunks_exact_mut(LANES)
+                .zip(second[..groups].chunks_exact_mut(LANES));
+            for ((first, second), third) in planes.zip(third[..groups].chunks_exact_mut(LANES)) {
+                for lane in 0..LANES {
+                    let rgb = [first[lane], second[lane], third[lane]].map(|v| display(v, gain));
+                    [first[lane], second[lane], third[lane]] = ycxcz(rgb);
+                }
             }
         }
 
@@ -420,20 +426,36 @@ impl Filtered {
                 let point_y = column(4, &filters.point);
                 let edge_x = column(5, &filters.gauss);
                 let point_x = column(6, &filters.gauss);
+                // Whole groups of lanes in arrays: no bounds are checked between them, so they are vectorised.
+                let mut out = [[0.0; LANES]; 5];
                 for lane in 0..LANES {
                     let rgb = rgb_of_ycxcz([y_[lane], cx[lane], cz1[lane] + cz2[lane]]);
                     let [l, a, b] = hunt_lab(rgb.map(|v| v.clamp(0.0, 1.0)));
-                    self.lab[0][at + lane] = l;
-                    self.lab[1][at + lane] = a;
-                    self.lab[2][at + lane] = b;
                     // Luminance in [0,1] is (Y + 16)/116; the constant falls to the derivatives' zero sum.
-                    let length = |x: f32, y: f32| (x * x + y * y).sqrt() / 116.0;
-                    self.edge[at + lane] = length(edge_x[lane], edge_y[lane]);
-                    self.point[at + lane] = length(point_x[lane], point_y[lane]);
+                    let edge = length(edge_x[lane], edge_y[lane]);
+                    let point = length(point_x[lane], point_y[lane]);
+                    out[0][lane] = l;
+                    out[1][lane] = a;
+                    out[2][lane] = b;
+                    out[3][lane] = edge;
+                    out[4][lane] = point;
+                }
+                let [l, a, b] = &mut self.lab;
+                for (plane, values) in [l, a, b, &mut self.edge, &mut self.point]
+                    .into_iter()
+                    .zip(&out)
+                {
+                    plane[at..at + LANES].copy_from_slice(values);
                 }
             }
         }
     }
+}
+
+/// Length of a gradient of luminance Y, for luminance in [0,1].
+#[inline(always)]
+fn length(x: f32, y: f32) -> f32 {
+    (x * x + y * y).sqrt() / 116.0
 }
 
 #[inline(always)]
