@@ -78,7 +78,7 @@ impl Limits {
             match new.max.get(name) {
                 None => looser.push(format!("max {name} {old} would be dropped")),
                 Some(&value) if value > old || value.is_nan() => {
-                    looser.push(format!("max {name} {old} would become {value}"))
+                    looser.push(format!("max {name} {old} would become {value}"));
                 }
                 Some(_) => {}
             }
@@ -87,7 +87,7 @@ impl Limits {
             match new.min.get(name) {
                 None => looser.push(format!("min {name} {old} would be dropped")),
                 Some(&value) if value < old || value.is_nan() => {
-                    looser.push(format!("min {name} {old} would become {value}"))
+                    looser.push(format!("min {name} {old} would become {value}"));
                 }
                 Some(_) => {}
             }

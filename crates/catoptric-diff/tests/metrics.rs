@@ -161,7 +161,7 @@ fn equal_images_are_perfect_by_every_metric() {
         match reading.sense {
             Sense::NearOne => assert_eq!(reading.value, 1.0, "{}", reading.name),
             Sense::HigherIsBetter if reading.name == "SSIM" => {
-                assert!((reading.value - 1.0).abs() < 1e-12)
+                assert!((reading.value - 1.0).abs() < 1e-12);
             }
             Sense::HigherIsBetter => assert!(reading.value.is_infinite(), "{}", reading.name),
             // Noise-corrected errors of an exact image are minus their floor.

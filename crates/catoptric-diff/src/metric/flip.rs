@@ -303,11 +303,16 @@ impl Workspace {
         let [reference, test] = &self.images;
         let knee = P_C * filters.largest;
         for y in 0..tile.height {
-            let line = |plane| line_of(plane, y, tile);
-            let [l0, a0, b0] = [0, 1, 2].map(|k: usize| line(&reference.lab[k]));
-            let [l1, a1, b1] = [0, 1, 2].map(|k: usize| line(&test.lab[k]));
-            let (e0, e1) = (line(&reference.edge), line(&test.edge));
-            let (p0, p1) = (line(&reference.point), line(&test.point));
+            let [l0, a0, b0] = [0, 1, 2].map(|k: usize| line_of(&reference.lab[k], y, tile));
+            let [l1, a1, b1] = [0, 1, 2].map(|k: usize| line_of(&test.lab[k], y, tile));
+            let (e0, e1) = (
+                line_of(&reference.edge, y, tile),
+                line_of(&test.edge, y, tile),
+            );
+            let (p0, p1) = (
+                line_of(&reference.point, y, tile),
+                line_of(&test.point, y, tile),
+            );
             let out = &mut worst[y * tile.width..(y + 1) * tile.width];
             for x in 0..tile.width {
                 let colour = pow(hyab([l0[x], a0[x], b0[x]], [l1[x], a1[x], b1[x]]), Q_COLOUR);
@@ -324,7 +329,7 @@ impl Workspace {
 }
 
 #[inline(always)]
-fn line_of<'a>(plane: &'a Vec<f32>, y: usize, tile: &Tile) -> &'a [f32] {
+fn line_of<'a>(plane: &'a [f32], y: usize, tile: &Tile) -> &'a [f32] {
     &plane[y * TILE_WIDTH..(y + 1) * TILE_WIDTH][..tile.width]
 }
 
