@@ -15,17 +15,18 @@
 //! | `indirect` | two or more D |
 //! | `specular.…` | the same, S⁺ between the last D (or L) and E |
 //!
-//! From the eye, area lights and the sky are found by hitting them, area lights also by next-event estimation.
-//! Punctual lights cannot be hit: their LD… is found by shadow rays; their LS⁺D… by particles from the light, each
-//! diffuse vertex of which is connected with the pinhole. What a particle lights is therefore **not seen through S**
-//! other than straight through panes: the `specular.` layers lack LS⁺D… of punctual lights, and orthographic cameras lack all of it.
+//! From the eye, area lights and the sky are found by hitting them, area lights also by next-event estimation. What
+//! luck seldom finds is left to particles from the lights, each diffuse vertex of which is connected with the pinhole
+//! (`particles.rs`): LS⁺D… of area lights seen directly, and all LS⁺D… of punctual lights, which cannot be hit. What a
+//! particle lights is **not seen through S** other than straight through panes: the `specular.` layers lack LS⁺D… of
+//! punctual lights, and orthographic cameras lack all of it.
 //!
 //! Radiance along a path scales with n²: (n_eye/n_source)² in all. Coats: H_T (see `catoptric_trace::interaction`).
 
 use std::f32::consts::PI;
 
 use catoptric_scene::light::{PunctualKind, PunctualLight};
-use catoptric_scene::{Barycentric, Camera, Rgb, TriangleId};
+use catoptric_scene::{Barycentric, Camera, Projection, Rgb, TriangleId};
 use catoptric_trace::interaction::{Coat, Interaction};
 use catoptric_trace::{Event, Hit, MediumStack, PlaneId, Ray, Tracer};
 use glam::{DVec3, Vec3};
@@ -63,7 +64,7 @@ pub struct TwinParams {
     pub height: usize,
     /// Paths per pixel, at least 2 for a standard error.
     pub samples: u32,
-    /// Particles per punctual light.
+    /// Particles per punctual light and for all area lights together; 0: LS⁺D… of area lights is found from the eye.
     pub particles: u32,
     /// Seed.
     pub seed: u64,
@@ -158,8 +159,9 @@ impl Way {
     }
 }
 
-/// Events after which a path is given up: in a duct of perfect mirrors 1e-5 of the light is left.
-pub(crate) const MAX_EVENTS: u32 = 2000;
+/// Events after which a path is given up. Eye rays along a duct of perfect mirrors meet 1/slope of them: a picture of
+/// it lacks the share 1e-5 of its horizon.
+pub(crate) const MAX_EVENTS: u32 = 100_000;
 
 pub(crate) struct Scenery<'a> {
     pub(crate) tracer: &'a Tracer<'a>,
@@ -167,11 +169,13 @@ pub(crate) struct Scenery<'a> {
     emitters: Vec<(TriangleId, f64)>,
     /// Probability per area of each triangle.
     density: Vec<f32>,
+    /// LS⁺D… of area lights, seen directly, is found by particles.
+    particles: bool,
 }
 
 /// Renders a view.
 pub fn render(tracer: &Tracer, camera: &Camera, params: &TwinParams) -> Twin {
-    let scenery = Scenery::new(tracer);
+    let scenery = Scenery::new(tracer, camera, params);
     let pixels = params.width * params.height;
     let samples = f64::from(params.samples);
     let sampled: Vec<[(DVec3, DVec3, DVec3); 10]> = (0..pixels)
@@ -201,12 +205,12 @@ pub fn render(tracer: &Tracer, camera: &Camera, params: &TwinParams) -> Twin {
         Layer { mean, variance: sampled.iter().map(of_mean).collect(), peak }
     };
     let mut twin = Twin { width: params.width, height: params.height, layers: (0..10).map(layer).collect() };
-    particles::add(&scenery, &mut twin, camera, params);
+    particles::add(&scenery, &mut twin, camera, params, scenery.particles);
     twin
 }
 
 impl<'a> Scenery<'a> {
-    fn new(tracer: &'a Tracer<'a>) -> Self {
+    fn new(tracer: &'a Tracer<'a>, camera: &Camera, params: &TwinParams) -> Self {
         let scene = tracer.scene();
         let power = |t: TriangleId| {
             let material = scene.material_of(t);
@@ -221,7 +225,8 @@ impl<'a> Scenery<'a> {
         });
         let emitters = emitters.collect();
         let density = all.map(|t| power(t) / total.max(1e-30) as f32 / scene.area(t)).collect();
-        Self { tracer, emitters, density }
+        let particles = params.particles > 0 && matches!(camera.projection, Projection::Perspective { .. });
+        Self { tracer, emitters, density, particles }
     }
 
     /// One path from the eye.
@@ -254,6 +259,8 @@ impl<'a> Scenery<'a> {
             let mut emitted = surface.emission.0;
             if bounces == 0 {
                 emitted += surface.shown.0;
+            } else if seen == 0 && self.particles && !way.is_straight() {
+                emitted = Rgb::ZERO;
             } else if way.is_straight() {
                 let cos = ray.direction.dot(surface.geometric).abs();
                 let towards = self.density[hit.triangle.index()] * position.distance_squared(start);
@@ -315,11 +322,16 @@ impl<'a> Scenery<'a> {
         1.0 / self.tracer.media().ior(media.current()).powi(2)
     }
 
-    /// H_T/π at a vertex by a point on an emitter, with its share of the balance heuristic.
-    fn next_event(&self, vertex: &Vertex, media: MediumStack, random: &mut Random) -> Vec3 {
+    /// An emitting triangle and its probability per area.
+    pub(crate) fn pick(&self, random: &mut Random) -> Option<(TriangleId, f32)> {
         let pick = f64::from(random.next());
         let index = self.emitters.partition_point(|e| e.1 <= pick).min(self.emitters.len().saturating_sub(1));
-        let Some(&(triangle, _)) = self.emitters.get(index) else { return Vec3::ZERO };
+        self.emitters.get(index).map(|&(triangle, _)| (triangle, self.density[triangle.index()]))
+    }
+
+    /// H_T/π at a vertex by a point on an emitter, with its share of the balance heuristic.
+    fn next_event(&self, vertex: &Vertex, media: MediumStack, random: &mut Random) -> Vec3 {
+        let Some((triangle, density)) = self.pick(random) else { return Vec3::ZERO };
         let root = random.next().sqrt();
         let at = Barycentric { u: root * random.next(), v: 1.0 - root };
         let offset = self.tracer.scene().position(triangle, at) - vertex.position;
@@ -331,7 +343,7 @@ impl<'a> Scenery<'a> {
         }
         let radiance = self.straight(vertex.ray(direction), media, offset.length(), Some(triangle));
         // Densities per solid angle, both times cosθ of the light.
-        let towards = self.density[triangle.index()] * distance2;
+        let towards = density * distance2;
         let by_cosine = cos / PI * cos_light;
         radiance * (vertex.transmittance(cos) * cos / PI * cos_light / (towards + by_cosine))
     }
