@@ -133,7 +133,14 @@ fn a_huge_count_without_data_costs_nothing() {
     let position = builder
         .push("accessors", json!({ "componentType": 5126, "type": "VEC3", "count": 4_294_967_295_u64 }));
     builder.show("void", json!({ "attributes": { "POSITION": position } }));
-    assert!(refusal(builder).contains("at most 20000000 triangles"));
+    assert!(refusal(builder).contains("at most 10000000 triangles"));
+    // Within the limit they are still no vertices.
+    let mut builder = Builder::new();
+    let count = 3 * LoadOptions::default().max_triangles;
+    let position =
+        builder.push("accessors", json!({ "componentType": 5126, "type": "VEC3", "count": count }));
+    builder.show("void", json!({ "attributes": { "POSITION": position } }));
+    assert!(builder.load().scene.vertices().is_empty());
 }
 
 #[test]
