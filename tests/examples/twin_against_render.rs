@@ -50,6 +50,22 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         if mismatches.len() > 6 {
             println!("    ... {} in all", mismatches.len());
         }
+        if mismatches.is_empty() {
+            continue;
+        }
+        // Which surfaces differ most.
+        let mut by_surface = std::collections::BTreeMap::<u32, (f64, f64, f64)>::new();
+        for (pixel, id) in ours.channel("id.surface").unwrap_or_default().iter().enumerate() {
+            let sum = by_surface.entry(*id as u32).or_default();
+            let own = f64::from(pixels[pixel][1]);
+            *sum = (sum.0 + own, sum.1 + layer.mean[pixel].y, sum.2 + layer.variance[pixel].y);
+        }
+        let mut rows: Vec<_> = by_surface.into_iter().collect();
+        rows.sort_by(|a, b| (b.1.0 - b.1.1).abs().total_cmp(&(a.1.0 - a.1.1).abs()));
+        for (id, (own, mean, variance)) in rows.into_iter().take(4) {
+            let name = id.checked_sub(1).map_or("sky", |i| &loaded.scene.surfaces()[i as usize].name);
+            println!("    on {name}: {own:.3} against {mean:.3} ± {:.3}", variance.sqrt());
+        }
     }
     Ok(())
 }
