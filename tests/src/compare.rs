@@ -138,3 +138,115 @@ fn mean<'a>(values: impl Iterator<Item = &'a DVec3>) -> DVec3 {
     let (sum, count) = values.fold((DVec3::ZERO, 0.0), |(s, n), v| (s + *v, n + 1.0));
     sum / f64::max(count, 1.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catoptric_trace::sequence::{Key, Purpose};
+
+    const SIDE: usize = 32;
+
+    /// A twin of ten layers of mean 1, 2, … 10 whose light arrives in the share `luck` of `samples` paths.
+    fn synthetic(luck: f32, samples: u32, seed: u64) -> Twin {
+        let layers = (0..LAYERS.len()).map(|layer| {
+            let key = Key::new(1, Purpose::Test, seed * 100 + layer as u64);
+            let value = (layer + 1) as f64 / f64::from(luck);
+            let n = f64::from(samples);
+            let hits = |pixel: usize| {
+                let key = key.child(pixel as u32);
+                (0..samples).filter(|&s| key.uniform(s) < luck).count() as f64
+            };
+            let means: Vec<f64> = (0..SIDE * SIDE).map(|p| value * hits(p) / n).collect();
+            let variance = |mean: f64| (mean * value - mean * mean) / (n - 1.0);
+            Layer {
+                mean: means.iter().map(|&m| DVec3::splat(m)).collect(),
+                variance: means.iter().map(|&m| DVec3::splat(variance(m))).collect(),
+                peak: DVec3::splat(value / n),
+            }
+        });
+        Twin { width: SIDE, height: SIDE, layers: layers.collect() }
+    }
+
+    fn truth(layer: usize, factor: f32) -> Vec<[f32; 3]> {
+        vec![[(layer + 1) as f32 * factor; 3]; SIDE * SIDE]
+    }
+
+    fn level() -> f64 {
+        1e-3 / comparisons(SIDE, SIDE, LAYERS.len()) as f64
+    }
+
+    const EXACT: Allowance = Allowance { relative: 0.0, of_image: 0.0 };
+
+    /// Forty pictures of ten layers at a family-wise level of 1e-3 each: a false alarm has a probability of 4 %.
+    #[test]
+    fn the_truth_is_never_called_wrong() {
+        for luck in [0.5, 0.05, 0.003] {
+            for seed in 0..40 {
+                let twin = synthetic(luck, 16, seed);
+                for (layer, name) in LAYERS.iter().enumerate() {
+                    let mismatches = compare(&truth(layer, 1.0), &twin, &[name], level(), EXACT);
+                    assert!(mismatches.is_empty(), "luck {luck}, seed {seed}: {}", mismatches[0]);
+                }
+            }
+        }
+    }
+
+    /// The brighter layers also 15 % too dark or too bright: above the allowance (0.02 + 0.002 · 55/4 of layer 4) and
+    /// the noise of the whole picture (2 % · 5).
+    #[test]
+    fn a_layer_dropped_doubled_or_changed_is_found() {
+        let twin = synthetic(0.2, 32, 7);
+        for (layer, name) in LAYERS.iter().enumerate() {
+            let factors: &[f32] = if layer < 3 { &[0.0, 2.0] } else { &[0.0, 0.85, 1.15, 2.0] };
+            for &factor in factors {
+                let allowance = Allowance::default();
+                let mismatches = compare(&truth(layer, factor), &twin, &[name], level(), allowance);
+                assert!(!mismatches.is_empty(), "{name} × {factor} is not found");
+            }
+        }
+    }
+
+    /// The twin's own terms: one of them dropped or doubled, ours right.
+    #[test]
+    fn a_term_that_the_twin_lacks_or_doubles_is_found() {
+        for (layer, name) in LAYERS.iter().enumerate() {
+            for factor in [0.0, 2.0] {
+                let mut twin = synthetic(0.2, 32, 8);
+                for mean in &mut twin.layers[layer].mean {
+                    *mean *= factor;
+                }
+                for variance in &mut twin.layers[layer].variance {
+                    *variance *= factor * factor;
+                }
+                twin.layers[layer].peak *= factor;
+                let mismatches = compare(&truth(layer, 1.0), &twin, &[name], level(), Allowance::default());
+                assert!(!mismatches.is_empty(), "{name} × {factor} is not found");
+            }
+        }
+    }
+
+    /// Light in one corner only, of a layer that is dark elsewhere.
+    #[test]
+    fn a_local_error_is_found_in_its_block() {
+        let twin = synthetic(0.5, 32, 9);
+        let mut ours = truth(4, 1.0);
+        for y in 8..16 {
+            for x in 16..24 {
+                ours[y * SIDE + x] = [6.0; 3];
+            }
+        }
+        let mismatches = compare(&ours, &twin, &["indirect"], level(), EXACT);
+        assert!(
+            mismatches.iter().all(|m| m.block == Some((2, 1))) && mismatches.len() == 3,
+            "{mismatches:?}"
+        );
+    }
+
+    #[test]
+    fn a_picture_with_nan_is_never_right() {
+        let twin = synthetic(0.5, 32, 10);
+        let mut ours = truth(0, 1.0);
+        ours[17] = [f32::NAN; 3];
+        assert!(!compare(&ours, &twin, &["emission"], level(), Allowance::default()).is_empty());
+    }
+}
