@@ -24,8 +24,6 @@ pub struct Gathered {
     pub caustic: Rgb,
     /// Light from other diffuse surfaces.
     pub indirect: Rgb,
-    /// Harmonic mean distance of what is seen first, metres (infinite if nothing is).
-    pub distance: f32,
     /// Share of rays that met the black back of a surface first: near 1 inside of solids.
     pub backs: f32,
     /// Where the power went, if the rays were sent from here.
@@ -92,7 +90,6 @@ pub fn gather(
     let mut result = Gathered::default();
     let mut ledger = Ledger::default();
     let (tangent, bitangent) = frame(receiver.normal);
-    let mut inverse_distance = 0.0_f32;
     let mut backs = 0;
     let coated = !receiver.coat.is_none();
     // Broad emitters: their unoccluded irradiance is exact, rays add what is blocked or reflected.
@@ -121,10 +118,7 @@ pub fn gather(
             params,
             &mut ledger,
             |arrival| {
-                if first {
-                    first = false;
-                    inverse_distance += 1.0 / arrival.distance.max(1e-6);
-                }
+                first = false;
                 let scale = radiance_scale(tracer, receiver.media, arrival.media.current());
                 result.indirect += arrival.throughput * light.radiance(arrival) * scale;
                 let emission = arrival.interaction.emission.0;
@@ -158,7 +152,6 @@ pub fn gather(
     if controlled {
         result.direct += lights.broad_unoccluded(receiver);
     }
-    result.distance = if inverse_distance > 0.0 { rays as f32 / inverse_distance } else { f32::INFINITY };
     result.ledger = ledger;
     result.backs = backs as f32 / rays.max(1) as f32;
     result
@@ -173,4 +166,20 @@ impl Gathered {
             PathClass::Caustic => &mut self.caustic,
         }
     }
+}
+
+/// Harmonic mean distance of what is seen from a receiver first, metres: the scale on which irradiance from near surfaces
+/// varies (Ward & Heckbert 1992). Infinite where nothing is seen.
+pub fn reach(tracer: &Tracer, receiver: &Receiver, rays: u32, key: Key) -> f32 {
+    let (tangent, bitangent) = frame(receiver.normal);
+    let mut inverse = 0.0_f32;
+    for index in 0..rays {
+        let local = cosine_hemisphere(key.point2(index));
+        let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
+        let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
+        if let Some(hit) = tracer.nearest(&ray, f32::INFINITY) {
+            inverse += 1.0 / hit.t.max(1e-6);
+        }
+    }
+    if inverse > 0.0 { rays as f32 / inverse } else { f32::INFINITY }
 }

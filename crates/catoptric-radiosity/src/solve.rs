@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use catoptric_light::irradiance::Scratch;
-use catoptric_light::{LightParams, Lights};
+use catoptric_light::{LightParams, Lights, Receiver};
 use catoptric_scene::{Cancelled, Progress, Rgb, TriangleId};
 use catoptric_solution::{PatchRadiosity, Quality, Solution, Term};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
@@ -12,7 +12,7 @@ use catoptric_trace::{Ledger, Tracer};
 
 use crate::draft::{Displayed, Draft};
 use crate::fit::{FitParams, FitSample, fit};
-use crate::gather::{DiffuseLight, Gathered, gather};
+use crate::gather::{DiffuseLight, Gathered, gather, reach};
 use crate::media::find_media;
 use crate::patch::{PatchId, PatchMesh};
 use crate::refine::{Field, RefineParams, Values, refine};
@@ -46,21 +46,27 @@ pub struct SolveParams {
     pub gather_rays: u32,
     /// The coarse solver.
     pub solver: SolverParams,
-    /// Base edges are split for the gather where they are longer than this multiple of the harmonic mean distance of what
-    /// is seen from them.
-    pub gather_reach: f32,
+    /// Rays of a gather at a vertex, which only holds the fit.
+    pub vertex_rays: u32,
+    /// Gathers inside a base element.
+    pub gather_points: f32,
+    /// Edges are split for the gather where they are longer than this multiple of the harmonic mean distance of what is
+    /// seen from them.
+    pub near: f32,
     /// Times.
-    pub gather_rounds: u32,
+    pub near_rounds: u32,
+    /// The least-squares fit of the gathers; its smoothing is a multiple of the base edge length.
+    pub gather_fit: FitParams,
 }
 
 impl SolveParams {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality) -> Self {
-        let (base_triangles, max_vertices, tolerance, shadow_rays, row_rays, gather_rays, gather_rounds) =
+        let (base_triangles, max_vertices, tolerance, shadow_rays, row_rays, gather_rays, near_rounds) =
             match quality {
-                Quality::Draft => (500, 2_000, 0.06, 16, 64, 64, 0),
-                Quality::Standard => (1_200, 6_000, 0.02, 64, 64, 400, 1),
-                Quality::High => (5_000, 60_000, 0.006, 256, 128, 1_600, 2),
+                Quality::Draft => (400, 1_500, 0.06, 16, 64, 64, 1),
+                Quality::Standard => (1_200, 4_000, 0.02, 32, 64, 256, 2),
+                Quality::High => (5_000, 60_000, 0.006, 128, 128, 1_024, 4),
             };
         Self {
             walk: WalkParams::default(),
@@ -74,9 +80,12 @@ impl SolveParams {
             fit: FitParams::default(),
             row_rays,
             gather_rays,
+            vertex_rays: gather_rays / 4,
+            gather_points: 2.0,
+            near: 1.5,
+            near_rounds,
+            gather_fit: FitParams { prior: 0.1, smoothing: 0.06, ..FitParams::default() },
             solver: SolverParams::default(),
-            gather_reach: 1.0,
-            gather_rounds,
         }
     }
 }
@@ -126,6 +135,12 @@ struct SourceLight {
     rays: u32,
 }
 
+impl SourceLight {
+    fn sum(&self) -> Rgb {
+        self.direct + self.mirrored + self.punctual
+    }
+}
+
 /// The field that refinement looks at while it keeps what was found.
 struct SourceField<'a> {
     lights: &'a Lights<'a>,
@@ -161,7 +176,7 @@ impl Field for SourceField<'_> {
         if let Ok(mut found) = self.found.lock() {
             found.push((vertex, light));
         }
-        light.direct + light.mirrored + light.punctual
+        light.sum()
     }
 }
 
@@ -183,6 +198,12 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     report.patches = patches.len();
     progress.advance(1);
 
+    // Finer where other surfaces are near: that is the mesh of the gathers.
+    let mesh_of_gathers = {
+        refine_near(tracer, &mut draft, params, spacing);
+        draft.clone()
+    };
+
     // Light that sources send, refined where it varies.
     progress.begin("sources", params.sources.max_vertices as u64);
     let field = SourceField { lights: &lights, params, found: std::sync::Mutex::default() };
@@ -195,9 +216,13 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     };
     refine(tracer, &mut draft, &field, &mut values, &source_params, progress)?;
     let mut sources = collect(&field, draft.vertices.len());
+    let displayed = draft.display(tracer);
+    fit_sources(&lights, &draft, &displayed, &mut sources, params, spacing, progress)?;
+    for &v in &displayed.origin {
+        values.values[v as usize] = sources[v as usize].sum();
+    }
 
     // The coarse solve.
-    let displayed = draft.display(tracer);
     let sent = patch_sources(&displayed, &patches, &values.values);
     let locator = PatchLocator { mesh: &base.mesh, of_element: &of_element };
     let rows =
@@ -207,64 +232,18 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     report.residual = solution.residual;
     report.row_ledger = mean_ledger(&patches, &rows);
 
-    // What gathers see: sources at the refined vertices, and the coarse solution.
+    // The final gather sees what sources send and the coarse solution first, then what it found at the vertices.
     let coarse = spread(&draft, &patches, &solution.indirect);
-    let seen: Vec<Rgb> =
-        displayed.origin.iter().map(|&v| values.values[v as usize] + coarse[v as usize]).collect();
-    let light = DiffuseLight { mesh: &displayed.mesh, irradiance: &seen };
-
-    // The final gather, at base vertices and where surfaces are near.
-    progress.begin("gather", base_vertices as u64);
-    let mut gathered: Vec<Option<Gathered>> = vec![None; draft.vertices.len()];
-    let gather_at = |draft: &Draft, wanted: &[u32]| -> Result<Vec<Gathered>, Cancelled> {
-        wanted
-            .par_iter()
-            .with_min_len(4)
-            .map(|&vertex| {
-                if progress.is_cancelled() {
-                    return Err(Cancelled);
-                }
-                let receiver = draft.receiver(tracer, vertex);
-                let key = Key::new(params.seed, Purpose::Hemisphere, u64::from(vertex));
-                let result = gather(&lights, &light, &receiver, params.gather_rays, key, &params.walk);
-                progress.advance(1);
-                Ok(result)
-            })
-            .collect()
-    };
-    let mut wanted: Vec<u32> = base_corners(&draft);
-    let mut gathers = 0;
-    for round in 0..=params.gather_rounds {
-        let results = gather_at(&draft, &wanted)?;
-        gathers += wanted.len();
-        for (&vertex, result) in wanted.iter().zip(results) {
-            gathered[vertex as usize] = Some(result);
-        }
-        if round == params.gather_rounds {
-            break;
-        }
-        let marks = near_edges(&draft, &gathered, params.gather_reach, spacing, round);
-        draft.split(tracer, &marks);
-        values.extend(&draft, &field, progress)?;
-        gathered.resize(draft.vertices.len(), None);
-        wanted = marks
-            .iter()
-            .filter_map(|&(a, b)| draft.known_midpoint(a, b))
-            .filter(|&m| gathered[m as usize].is_none())
-            .collect();
-        wanted.sort_unstable();
-        wanted.dedup();
-    }
-    sources = merged(sources, &field, draft.vertices.len());
+    let sight = Sight { displayed: &displayed, draft: &draft, sources: &values.values };
+    let gathered = gather_all(&lights, &sight, &coarse, &mesh_of_gathers, params, spacing, progress)?;
     report.rays = vec![
         ("shadow", sources.iter().map(|s| u64::from(s.rays)).sum()),
         ("rows", patches.len() as u64 * u64::from(params.row_rays)),
-        ("gather", gathers as u64 * u64::from(params.gather_rays)),
+        ("gather", gathered.rays),
     ];
 
     // The display mesh with every term.
-    let mut result = assemble(tracer, &draft, &sources, &gathered, &patches, &solution.indirect, &sent);
-    fit_sources(&lights, &draft, &sources, &mut result, params, spacing, progress)?;
+    let result = assemble(displayed, &draft, &sources, &gathered.terms, &patches, &solution.indirect, &sent);
     report.faces = result.mesh.faces.len();
     report.elements = result.mesh.elements.len();
     report.vertices = result.mesh.vertices.len();
@@ -275,8 +254,8 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
 fn fit_sources(
     lights: &Lights,
     draft: &Draft,
-    sources: &[SourceLight],
-    result: &mut Solution,
+    displayed: &Displayed,
+    sources: &mut [SourceLight],
     params: &SolveParams,
     spacing: f32,
     progress: &dyn Progress,
@@ -285,7 +264,6 @@ fn fit_sources(
         return Ok(());
     }
     let tracer = lights.tracer();
-    let displayed = draft.display(tracer);
     let mesh = &displayed.mesh;
     progress.begin("fit", mesh.elements.len() as u64);
     // Small elements of finely tessellated surfaces share: as many points as their area is worth, but refined ones, which
@@ -316,7 +294,7 @@ fn fit_sources(
             if progress.is_cancelled() {
                 return (Rgb::ZERO, Rgb::ZERO);
             }
-            let receiver = draft.receiver_inside(tracer, &displayed, sample.element, sample.weights);
+            let receiver = draft.receiver_inside(tracer, displayed, sample.element, sample.weights);
             let key = Key::new(params.seed, Purpose::Emitter, index as u64 | 1 << 40);
             let direct = lights.direct(&receiver, params.fit_rays, key, scratch).irradiance;
             let mirrored = lights.mirrored(&receiver, params.fit_rays, key.child(1), scratch).irradiance;
@@ -326,27 +304,19 @@ fn fit_sources(
     if progress.is_cancelled() {
         return Err(Cancelled);
     }
-    for (term, values) in [
-        (Term::Direct, found.iter().map(|f| f.0).collect::<Vec<Rgb>>()),
-        (Term::Mirrored, found.iter().map(|f| f.1).collect()),
-    ] {
-        let prior: Vec<Rgb> = displayed
-            .origin
-            .iter()
-            .map(|&v| {
-                let source = &sources[v as usize];
-                if term == Term::Direct { source.direct } else { source.mirrored }
-            })
-            .collect();
-        if prior.iter().all(|p| *p == Rgb::ZERO) && values.iter().all(|v| *v == Rgb::ZERO) {
-            continue;
+    let direct: Vec<Rgb> = found.iter().map(|f| f.0).collect();
+    let mirrored: Vec<Rgb> = found.iter().map(|f| f.1).collect();
+    let mut refit = |values: &[Rgb], term: fn(&mut SourceLight) -> &mut Rgb| {
+        let prior: Vec<Rgb> = displayed.origin.iter().map(|&v| *term(&mut sources[v as usize])).collect();
+        if prior.iter().chain(values).any(|v| *v != Rgb::ZERO) {
+            for (&v, fitted) in displayed.origin.iter().zip(fit(mesh, &samples, values, &prior, &params.fit))
+            {
+                *term(&mut sources[v as usize]) = fitted;
+            }
         }
-        let fitted = fit(mesh, &samples, &values, &prior, &params.fit);
-        // What the gather added to the term (the dim sky, chains on no list) stays.
-        for ((kept, fitted), prior) in result.irradiance[term.index()].iter_mut().zip(fitted).zip(prior) {
-            *kept += fitted - prior;
-        }
-    }
+    };
+    refit(&direct, |s| &mut s.direct);
+    refit(&mirrored, |s| &mut s.mirrored);
     Ok(())
 }
 
@@ -362,13 +332,9 @@ fn spacing(tracer: &Tracer, count: usize) -> f32 {
     ((2.0 * area / count.max(1) as f64).sqrt() as f32).max(f32::MIN_POSITIVE)
 }
 
+/// What the field found, by vertex.
 fn collect(field: &SourceField, count: usize) -> Vec<SourceLight> {
-    merged(Vec::new(), field, count)
-}
-
-/// Sorts what the field found by vertex.
-fn merged(mut known: Vec<SourceLight>, field: &SourceField, count: usize) -> Vec<SourceLight> {
-    known.resize(count, SourceLight::default());
+    let mut known = vec![SourceLight::default(); count];
     if let Ok(mut found) = field.found.lock() {
         for (vertex, light) in found.drain(..) {
             known[vertex as usize] = light;
@@ -425,40 +391,173 @@ fn spread(draft: &Draft, patches: &PatchMesh, values: &[Rgb]) -> Vec<Rgb> {
     result
 }
 
-/// Corners of base triangles, ascending.
-fn base_corners(draft: &Draft) -> Vec<u32> {
-    let mut corners: Vec<u32> = draft.base.iter().flatten().copied().collect();
-    corners.sort_unstable();
-    corners.dedup();
-    corners
+/// Splits edges along which other surfaces are near: the irradiance from them bends on the scale of their distance.
+fn refine_near(tracer: &Tracer, draft: &mut Draft, params: &SolveParams, spacing: f32) {
+    let mut reaches: Vec<f32> = Vec::new();
+    for round in 0..params.near_rounds {
+        let first = reaches.len() as u32;
+        let fresh: Vec<f32> = (first..draft.vertices.len() as u32)
+            .into_par_iter()
+            .with_min_len(16)
+            .map(|vertex| {
+                let receiver = draft.receiver(tracer, vertex);
+                reach(
+                    tracer,
+                    &receiver,
+                    32,
+                    Key::new(params.seed, Purpose::Hemisphere, u64::from(vertex) | 1 << 41),
+                )
+            })
+            .collect();
+        reaches.extend(fresh);
+        let shortest = spacing * 0.5_f32.powi(round as i32 + 1);
+        let marks: Vec<(u32, u32)> = draft
+            .edges()
+            .into_iter()
+            .filter(|&(a, b)| {
+                let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
+                let length = (y - x).length();
+                length > shortest && length > params.near * reaches[a as usize].min(reaches[b as usize])
+            })
+            .collect();
+        if marks.is_empty() {
+            return;
+        }
+        draft.split(tracer, &marks);
+    }
 }
 
-/// Edges along which other surfaces are near: the irradiance from them bends on the scale of their distance.
-fn near_edges(
+/// Gathered light at the vertices of the mesh of the gathers.
+struct GatheredLight {
+    /// Direct, mirrored, caustic and indirect per draft vertex; `None` where no element touches it.
+    terms: Vec<Option<[Rgb; 4]>>,
+    rays: u64,
+}
+
+/// What gathers look at: the refined mesh with the light of sources on it.
+struct Sight<'a> {
+    displayed: &'a Displayed,
+    draft: &'a Draft,
+    sources: &'a [Rgb],
+}
+
+impl Sight<'_> {
+    /// Irradiance per vertex of the display mesh when `more` (per draft vertex) comes to what sources send.
+    fn with(&self, more: &[Rgb]) -> Vec<Rgb> {
+        self.displayed.origin.iter().map(|&v| self.sources[v as usize] + more[v as usize]).collect()
+    }
+
+    /// Values known at some vertices, at all: children are the mean of their parents.
+    fn spread(&self, known: &[Option<Rgb>]) -> Vec<Rgb> {
+        let mut all: Vec<Rgb> = Vec::with_capacity(self.draft.vertices.len());
+        for (index, vertex) in self.draft.vertices.iter().enumerate() {
+            let own = known.get(index).copied().flatten();
+            all.push(own.unwrap_or_else(|| {
+                vertex.parents.map_or(Rgb::ZERO, |[a, b]| (all[a as usize] + all[b as usize]) * 0.5)
+            }));
+        }
+        all
+    }
+}
+
+/// Gathers at the vertices and inside the elements of `draft`, and fits.
+///
+/// Two bounces of refinement for one: the vertices, with few rays, see the coarse solution; the points inside, with many,
+/// see what the vertices found (Lischinski, Tampieri & Greenberg 1993 gather once, from the coarse solution).
+fn gather_all(
+    lights: &Lights,
+    sight: &Sight,
+    coarse: &[Rgb],
     draft: &Draft,
-    gathered: &[Option<Gathered>],
-    reach: f32,
+    params: &SolveParams,
     spacing: f32,
-    round: u32,
-) -> Vec<(u32, u32)> {
-    let shortest = spacing * 0.6_f32.powi(round as i32 + 1) * 0.5;
-    let base: Vec<(u32, u32)> = draft.edges();
-    base.into_iter()
-        .filter(|&(a, b)| {
-            let (Some(p), Some(q)) = (&gathered[a as usize], &gathered[b as usize]) else { return false };
-            let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
-            let length = (y - x).length();
-            length > shortest && length > reach * p.distance.min(q.distance)
+    progress: &dyn Progress,
+) -> Result<GatheredLight, Cancelled> {
+    let tracer = lights.tracer();
+    let displayed = draft.display(tracer);
+    let mesh = &displayed.mesh;
+    let whole = 0.5 * spacing * spacing;
+    let samples: Vec<FitSample> = (0..mesh.elements.len() as u32)
+        .flat_map(|element| {
+            let area = mesh.area(element);
+            let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(element) | 1 << 42);
+            // Refined elements are small because surfaces are near: they get one at least every other time.
+            let refined = draft.leaves[displayed.leaves[element as usize] as usize].level > 0;
+            let floor = if refined { 0.5 } else { 0.0 };
+            let expected = (params.gather_points * (area / whole).min(1.0)).max(floor);
+            let count = (expected + key.uniform(0)).floor() as u32;
+            (0..count).map(move |index| {
+                let (u, v) = triangle_point(key.point2(index));
+                FitSample { element, weights: [1.0 - u - v, u, v], area: area / expected.max(count as f32) }
+            })
         })
-        .collect()
+        .collect();
+    progress.begin("gather", (samples.len() + mesh.vertices.len()) as u64);
+    let seen = sight.with(coarse);
+    let light = DiffuseLight { mesh: &sight.displayed.mesh, irradiance: &seen };
+    let work = |light: &DiffuseLight, receiver: &Receiver, rays: u32, entity: u64| {
+        if progress.is_cancelled() {
+            return Gathered::default();
+        }
+        let key = Key::new(params.seed, Purpose::Hemisphere, entity);
+        let result = gather(lights, light, receiver, rays, key, &params.walk);
+        progress.advance(1);
+        result
+    };
+    let at_vertices: Vec<Gathered> = displayed
+        .origin
+        .par_iter()
+        .with_min_len(8)
+        .map(|&v| work(&light, &draft.receiver(tracer, v), params.vertex_rays, u64::from(v)))
+        .collect();
+    let mut known: Vec<Option<Rgb>> = vec![None; draft.vertices.len()];
+    for (&v, g) in displayed.origin.iter().zip(&at_vertices) {
+        known[v as usize] = Some(g.direct + g.mirrored + g.caustic + g.indirect);
+    }
+    let seen = sight.with(&sight.spread(&known));
+    let light = DiffuseLight { mesh: &sight.displayed.mesh, irradiance: &seen };
+    let inside: Vec<Gathered> = samples
+        .par_iter()
+        .enumerate()
+        .with_min_len(4)
+        .map(|(index, s)| {
+            let receiver = draft.receiver_inside(tracer, &displayed, s.element, s.weights);
+            work(&light, &receiver, params.gather_rays, index as u64 | 1 << 43)
+        })
+        .collect();
+    if progress.is_cancelled() {
+        return Err(Cancelled);
+    }
+
+    let fit_params = FitParams { smoothing: params.gather_fit.smoothing * spacing, ..params.gather_fit };
+    let mut terms: Vec<Option<[Rgb; 4]>> = vec![None; draft.vertices.len()];
+    for &v in &displayed.origin {
+        terms[v as usize] = Some([Rgb::ZERO; 4]);
+    }
+    for term in 0..4 {
+        let value = |g: &Gathered| [g.direct, g.mirrored, g.caustic, g.indirect][term];
+        let prior: Vec<Rgb> = at_vertices.iter().map(value).collect();
+        let values: Vec<Rgb> = inside.iter().map(value).collect();
+        if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
+            continue;
+        }
+        for (&v, fitted) in displayed.origin.iter().zip(fit(mesh, &samples, &values, &prior, &fit_params)) {
+            if let Some(terms) = &mut terms[v as usize] {
+                terms[term] = fitted;
+            }
+        }
+    }
+    let rays = at_vertices.len() as u64 * u64::from(params.vertex_rays)
+        + inside.len() as u64 * u64::from(params.gather_rays);
+    Ok(GatheredLight { terms, rays })
 }
 
 /// Fills every vertex of the display mesh with every term.
 fn assemble(
-    tracer: &Tracer,
+    displayed: Displayed,
     draft: &Draft,
     sources: &[SourceLight],
-    gathered: &[Option<Gathered>],
+    gathered: &[Option<[Rgb; 4]>],
     patches: &PatchMesh,
     indirect: &[Rgb],
     sent: &[Rgb],
@@ -466,14 +565,13 @@ fn assemble(
     // Vertices without a gather of their own are the mean of the edge that they halve.
     let mut terms: Vec<[Rgb; 4]> = Vec::with_capacity(draft.vertices.len());
     for (index, vertex) in draft.vertices.iter().enumerate() {
-        let own = gathered[index].map(|g| [g.direct, g.mirrored, g.caustic, g.indirect]);
+        let own = gathered.get(index).copied().flatten();
         let value = own.unwrap_or_else(|| match vertex.parents {
             Some([a, b]) => std::array::from_fn(|t| (terms[a as usize][t] + terms[b as usize][t]) * 0.5),
             None => [Rgb::ZERO; 4],
         });
         terms.push(value);
     }
-    let displayed = draft.display(tracer);
     let mut solution = Solution { mesh: displayed.mesh, ..Solution::default() };
     for &v in &displayed.origin {
         let source = &sources[v as usize];
