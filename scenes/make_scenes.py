@@ -536,12 +536,13 @@ def pool():
     at = lambda i, j: j * (n + 1) + i
     top = Mesh().smooth([(x, height(x, z), z) for x, z in grid], [slope(x, z) for x, z in grid],
                         [f for j in range(n) for i in range(n) for f in ((at(i, j), at(i + 1, j), at(i + 1, j + 1)), (at(i, j), at(i + 1, j + 1), at(i, j + 1)))])
-    sides, low = Mesh(), -depth - over
+    sides, bottom, low = Mesh(), Mesh(), -depth - over
+    centre = ((x0 + x1) / 2, low, (z0 + z1) / 2)
     rim = [at(i, 0) for i in range(n + 1)] + [at(n, j) for j in range(1, n + 1)] + [at(i, n) for i in range(n - 1, -1, -1)] + [at(0, j) for j in range(n - 1, -1, -1)]
     for a, b in zip(rim, rim[1:]):
         (ax, az), (bx, bz) = grid[a], grid[b]
         sides.face((ax, height(ax, az), az), (bx, height(bx, bz), bz), (bx, low, bz), (ax, low, az), towards=(bz - az, 0, ax - bx))
-    bottom = quad((x0 - over, low, z0 - over), (x1 + over, low, z0 - over), (x1 + over, low, z1 + over), (x0 - over, low, z1 + over), towards=(0, -1, 0))
+        bottom.face(centre, (ax, low, az), (bx, low, bz), towards=(0, -1, 0))
     s.put('water', glass('water', 1.33, (0.72, 0.93, 0.95), 1.5), top, sides, bottom)
     s.put('light', light('light', (1.0, 0.95, 0.86), 22.0), quad((-0.9, 2.599, -1.1), (0.1, 2.599, -1.1), (0.1, 2.599, -0.3), (-0.9, 2.599, -0.3), towards=(0, -1, 0)))
     s.put('bench', diffuse('wood', (0.45, 0.28, 0.16)), soft_box((-0.7, 0.36, -0.15), (0.7, 0.42, 0.15), 0.008),
