@@ -30,6 +30,11 @@ What is rendered
     attenuation      attenuationColor^(t / attenuationDistance) along the path inside the glass.
     furnaces         exact: all walls emit L and reflect rho, so every pixel is L / (1 - rho); no rendering.
 
+Checked
+    against the older references of cornell_mirror, mirror_light_shaft, ring_caustic and glass_sphere, made by another script: mean
+    luminance within 0.1 %, rms z of 16 x 16 blocks 0.96 to 1.05; light-traced caustic of glass_sphere inside its mask: 1.0001;
+    bulb_in_glass by the path loop alone: 0.997 +- 0.0025; glass_furnace and mirror_furnace by the path loop: within 5e-4.
+
 EXR channels
     R, G, B         the image
     SE.R, SE.G, SE.B  the standard error of each pixel's mean, from the variance of batches of 16 samples
