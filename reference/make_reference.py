@@ -47,7 +47,7 @@ EXR channels
 
 The JSON beside it is the birth certificate: renderer and version, samples, seed, time, standard error, scene hash, licence, limits.
 `limits` are the largest values allowed at quality `standard`; names as in the metrics: relMSE_nc (noise-corrected), relMSE_b8 (8 x 8
-blocks), FLIP (mean HDR-FLIP), p95_rel; lum_ratio_error = |mean luminance / reference - 1|, lum_ratio_trim_error the same without
+blocks), FLIP (mean HDR-FLIP; judge it only where the reference's own noise scores at most 0.02), p95_rel; lum_ratio_error = |mean luminance / reference - 1|, lum_ratio_trim_error the same without
 the brightest 1 % of the pixels; mask_* inside the mask; max_rel per pixel, exempting `exempt_fraction` of them.
 """
 import argparse, base64, glob, hashlib, itertools, json, math, os, struct, sys, tempfile, time
