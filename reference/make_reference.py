@@ -30,6 +30,11 @@ What is rendered
     attenuation      attenuationColor^(t / attenuationDistance) along the path inside the glass.
     furnaces         exact: all walls emit L and reflect rho, so every pixel is L / (1 - rho); no rendering.
 
+Checked
+    against the older references of cornell_mirror, mirror_light_shaft, ring_caustic and glass_sphere, made by another script: mean
+    luminance within 0.1 %, rms z of 16 x 16 blocks 0.96 to 1.05; light-traced caustic of glass_sphere inside its mask: 1.0001;
+    bulb_in_glass by the path loop alone: 0.997 +- 0.0025; glass_furnace and mirror_furnace by the path loop: within 5e-4.
+
 EXR channels
     R, G, B         the image
     SE.R, SE.G, SE.B  the standard error of each pixel's mean, from the variance of batches of 16 samples
@@ -37,12 +42,12 @@ EXR channels
                     light - one curved or refracting event or more - diffuse - (mirrors and glass) - eye
                     in the luminance, both smoothed over 5 x 5 pixels, is above MASK_SHARE; with light tracing that
                     share is the image minus the image with all glass and curved mirrors painted black
-    float32, ZIP.  To keep the repository small R, G, B are rounded to 12 significant bits (relative error <= 1.3e-4, unbiased,
-    far below the noise) and SE to 6.
+    float32, ZIP.  To keep the repository small R, G, B are rounded to a step of at most SE / 8 (unbiased; adds less than
+    0.2 % to the noise variance) and to 12 significant bits at most, SE to 5; exact references are not rounded.
 
 The JSON beside it is the birth certificate: renderer and version, samples, seed, time, standard error, scene hash, licence, limits.
 `limits` are the largest values allowed at quality `standard`; names as in the metrics: relMSE_nc (noise-corrected), relMSE_b8 (8 x 8
-blocks), FLIP (mean HDR-FLIP), p95_rel; lum_ratio_error = |mean luminance / reference - 1|, lum_ratio_trim_error the same without
+blocks), FLIP (mean HDR-FLIP; judge it only where the reference's own noise scores at most 0.02), p95_rel; lum_ratio_error = |mean luminance / reference - 1|, lum_ratio_trim_error the same without
 the brightest 1 % of the pixels; mask_* inside the mask; max_rel per pixel, exempting `exempt_fraction` of them.
 """
 import argparse, base64, glob, hashlib, itertools, json, math, os, struct, sys, tempfile, time
@@ -81,7 +86,7 @@ SETTINGS = {
     'mirror_corner': dict(chains=2, limits=PLANAR),
     'glass_furnace': dict(exact='furnace', limits=EXACT),
     'mirror_furnace': dict(exact='furnace', limits=EXACT),
-    'sky_body': dict(sky=[1.0, 1.0, 1.0], limits=EXACT),
+    'sky_body': dict(sky=[1.0, 1.0, 1.0], limits=dict(EXACT, exempt_fraction=0.02)),
     'contacts': dict(limits=PLANAR),
 }
 
@@ -682,6 +687,12 @@ def round_bits(x, bits):
     return np.ldexp(np.round(np.ldexp(m, bits)), e - bits).astype(np.float32)
 
 
+def round_to_noise(x, se):
+    """float32 rounded to a power of two of at most se / 8, and to 12 significant bits"""
+    step = np.exp2(np.floor(np.log2(np.maximum(se, 1e-30) / 8)))
+    return round_bits(np.where(se > 0, np.round(x / step) * step, x), 12)
+
+
 def box5(x):
     p = np.pad(x, 2, mode='edge')
     return sum(p[i:i + x.shape[0], j:j + x.shape[1]] for i in range(5) for j in range(5)) / 25
@@ -697,8 +708,8 @@ def write_exr(path, image, se, mask=None, exact=False):
     import OpenEXR
     channels = {}
     for k, c in enumerate('RGB'):
-        channels[c] = np.ascontiguousarray(image[..., k].astype(np.float32) if exact else round_bits(image[..., k], 12))
-        channels[f'SE.{c}'] = np.ascontiguousarray(round_bits(se[..., k], 6))
+        channels[c] = np.ascontiguousarray(image[..., k].astype(np.float32) if exact else round_to_noise(image[..., k], se[..., k]))
+        channels[f'SE.{c}'] = np.ascontiguousarray(round_bits(se[..., k], 5))
     if mask is not None:
         channels['mask'] = np.ascontiguousarray(mask, np.float32)
     header = {'compression': OpenEXR.ZIP_COMPRESSION, 'type': OpenEXR.scanlineimage}
