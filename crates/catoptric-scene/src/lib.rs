@@ -5,6 +5,7 @@
 pub mod builder;
 pub mod camera;
 pub mod gltf;
+pub mod hash;
 pub mod id;
 pub mod light;
 pub mod material;
@@ -15,6 +16,7 @@ pub mod side;
 pub mod texture;
 
 pub use camera::{Camera, Projection};
+pub use hash::SceneHash;
 pub use id::{MaterialId, SurfaceId, TextureId, TriangleId};
 pub use light::{PunctualKind, PunctualLight, Sky, SkyImage};
 pub use material::{AlphaMode, Material, MaterialReading, SurfacePoint, Transmission};

@@ -1,0 +1,163 @@
+//! Makes the triangles fit for transport: no area, no triangle; one of several that coincide; normals on
+//! the front side; which surfaces are smooth.
+
+use std::collections::HashMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use glam::{DVec3, Vec3};
+
+use crate::id::{MaterialId, SurfaceId};
+use crate::scene::SceneParts;
+
+use super::report::Report;
+
+/// How many triangles of different materials may lie on the same three points.
+const MOST_COINCIDENT: usize = 8;
+
+/// Drops triangles without area and repeated ones, then surfaces without triangles. `normal_precision`
+/// runs along the surfaces.
+pub(super) fn clean(parts: &mut SceneParts, normal_precision: &mut Vec<f32>, report: &Report) {
+    let kept = choose_triangles(parts, report);
+    let mut triangles = Vec::with_capacity(parts.triangles.len());
+    let mut surfaces = Vec::with_capacity(parts.surfaces.len());
+    let mut precision = Vec::with_capacity(surfaces.len());
+    for (index, mut surface) in std::mem::take(&mut parts.surfaces).into_iter().enumerate() {
+        let start = triangles.len() as u32;
+        let id = SurfaceId(surfaces.len() as u32);
+        for at in surface.triangles.clone().map(|at| at as usize) {
+            if kept[at] {
+                let mut triangle = parts.triangles[at];
+                triangle.surface = id;
+                triangles.push(triangle);
+            }
+        }
+        surface.triangles = start..triangles.len() as u32;
+        if !surface.triangles.is_empty() {
+            surfaces.push(surface);
+            precision.push(normal_precision[index]);
+        }
+    }
+    parts.triangles = triangles;
+    parts.surfaces = surfaces;
+    *normal_precision = precision;
+}
+
+/// Per triangle: whether it stays.
+fn choose_triangles(parts: &SceneParts, report: &Report) -> Vec<bool> {
+    let mut kept = vec![true; parts.triangles.len()];
+    // Triangles on the same three points, by hash; the first of a material stays.
+    let mut places: HashMap<u64, Vec<u32>> = HashMap::new();
+    for surface in &parts.surfaces {
+        let (mut flat, mut repeated, mut fighting) = (0_usize, 0_usize, 0_usize);
+        for at in surface.triangles.clone().map(|at| at as usize) {
+            let key = key_of(parts, at);
+            if !has_area(key.map(Vec3::from_array)) {
+                kept[at] = false;
+                flat += 1;
+                continue;
+            }
+            let mut hasher = DefaultHasher::new();
+            key.map(|corner| corner.map(f32::to_bits)).hash(&mut hasher);
+            let here = places.entry(hasher.finish()).or_default();
+            let coincident =
+                here.iter().map(|&other| other as usize).filter(|&other| key_of(parts, other) == key);
+            let materials: Vec<MaterialId> = coincident
+                .map(|other| parts.surfaces[parts.triangles[other].surface.index()].material)
+                .collect();
+            if materials.contains(&surface.material) || materials.len() >= MOST_COINCIDENT {
+                kept[at] = false;
+                repeated += 1;
+                continue;
+            }
+            fighting += usize::from(!materials.is_empty());
+            here.push(at as u32);
+        }
+        let say = |count: usize, what: &str| {
+            if count > 0 {
+                report.warn(format!("surface {:?}", surface.name), format!("{count} {what}"));
+            }
+        };
+        say(flat, "triangles have no area and were dropped");
+        say(repeated, "triangles lie exactly on others of the same material and were dropped");
+        say(fighting, "triangles lie exactly on others of another material: which one is seen is arbitrary");
+    }
+    kept
+}
+
+/// The corners, turned so that the smallest comes first: equal for equal triangles of equal winding.
+fn key_of(parts: &SceneParts, triangle: usize) -> [[f32; 3]; 3] {
+    let mut corners = parts.triangles[triangle]
+        .vertices
+        // Adding zero turns −0 into 0.
+        .map(|v| (parts.vertices[v as usize].position + Vec3::ZERO).to_array());
+    let bits = |corner: &[f32; 3]| corner.map(f32::to_bits);
+    let first = (0..3).min_by_key(|&i| bits(&corners[i])).unwrap_or(0);
+    corners.rotate_left(first);
+    corners
+}
+
+/// The test of [`Scene::new`](crate::Scene::new), which refuses triangles without area.
+fn has_area([a, b, c]: [Vec3; 3]) -> bool {
+    let twice_area = (b.as_dvec3() - a.as_dvec3()).cross(c.as_dvec3() - a.as_dvec3()).length();
+    twice_area.is_finite() && ((0.5 * twice_area) as f32) > 0.0 && ((0.5 * twice_area) as f32).is_finite()
+}
+
+/// Completes normals, turns those that point against their faces, and finds out which surfaces are smooth.
+pub(super) fn finish_normals(parts: &mut SceneParts, normal_precision: &[f32], report: &Report) {
+    for (surface, &precision) in parts.surfaces.iter_mut().zip(normal_precision) {
+        if !surface.smooth {
+            continue;
+        }
+        let triangles = &parts.triangles[surface.triangles.start as usize..surface.triangles.end as usize];
+
+        // The vertices of a surface are consecutive: sum the faces' area vectors at each, and count on
+        // which side of the faces its normal lies.
+        let first = triangles.iter().flat_map(|t| t.vertices).min().unwrap_or(0) as usize;
+        let last = triangles.iter().flat_map(|t| t.vertices).max().unwrap_or(0) as usize;
+        let mut faces = vec![DVec3::ZERO; last - first + 1];
+        let mut sides = vec![(0_u32, 0_u32); last - first + 1];
+        for triangle in triangles {
+            let [a, b, c] = triangle.vertices.map(|v| parts.vertices[v as usize].position.as_dvec3());
+            let face = (b - a).cross(c - a);
+            for vertex in triangle.vertices.map(|v| v as usize) {
+                faces[vertex - first] += face;
+                let side = face.dot(parts.vertices[vertex].normal.as_dvec3());
+                if side > 0.0 {
+                    sides[vertex - first].0 += 1;
+                } else if side < 0.0 {
+                    sides[vertex - first].1 += 1;
+                }
+            }
+        }
+        let mut turned = 0_usize;
+        for (vertex, (face, (front, back))) in
+            parts.vertices[first..=last].iter_mut().zip(faces.iter().zip(&sides))
+        {
+            if vertex.normal == Vec3::ZERO {
+                vertex.normal = face.try_normalize().unwrap_or(DVec3::ZERO).as_vec3();
+            } else if *front == 0 && *back > 0 {
+                vertex.normal = -vertex.normal;
+                turned += 1;
+            }
+        }
+        if turned > 0 {
+            let message = format!("{turned} normals pointed to the back of all their faces and were turned");
+            report.warn(format!("surface {:?}", surface.name), message);
+        }
+
+        // Smooth: some normal differs from its face's by more than both are known to.
+        surface.smooth = triangles.iter().any(|triangle| {
+            let corners = triangle.vertices.map(|v| parts.vertices[v as usize]);
+            let [a, b, c] = corners.map(|corner| corner.position.as_dvec3());
+            let cross = (b - a).cross(c - a);
+            let face = cross.try_normalize().unwrap_or(DVec3::ZERO);
+            // Rounding moves a corner by at most 2⁻²⁴·|p| per axis, which tilts the face by that over its height.
+            let size = [a, b, c].into_iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
+            let longest = (b - a).length().max((c - a).length()).max((c - b).length());
+            let height = cross.length() / longest;
+            let tilt = 2.0 * 3.0_f64.sqrt() * size * f64::from(f32::EPSILON) / height;
+            let tolerance = f64::from(precision) + tilt;
+            corners.iter().any(|corner| face.cross(corner.normal.as_dvec3()).length() > tolerance)
+        });
+    }
+}

@@ -1,0 +1,136 @@
+//! From a file to a validated scene.
+
+use std::path::Path;
+
+use crate::scene::{Scene, SceneParts};
+
+use super::animation::AnimatedCameras;
+use super::asset::Asset;
+use super::camera::{framed_camera, read_cameras};
+use super::clean::{clean, finish_normals};
+use super::document::Table;
+use super::light::read_lights;
+use super::material::{default_material, read_materials};
+use super::mesh::MeshReader;
+use super::node::Hierarchy;
+use super::options::LoadOptions;
+use super::report::{LoadError, Report, Warning};
+use super::texture::TextureReader;
+use super::uri::{Folder, read_limited};
+use super::{container, embed, extension, solid};
+
+/// What a file contains.
+#[derive(Clone, Debug)]
+pub struct Loaded {
+    /// The scene, validated.
+    pub scene: Scene,
+    /// The file itself, self-contained: to be written again with a solution.
+    pub asset: Asset,
+    /// The scene's cameras over time.
+    pub cameras: AnimatedCameras,
+    /// What was read in another way than its author may have meant.
+    pub warnings: Vec<Warning>,
+}
+
+/// Loads a `.gltf` or `.glb` file.
+///
+/// Reads nothing outside of the file's folder, never panics, and takes no more than `options` allow. A
+/// file with a solution gives its source scene: the same triangles in the same order, to the last bit.
+pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
+    let report = Report::new(path);
+    let Some(asset) = read_asset(path, options, &report) else { return Err(failed(report)) };
+    read_scene(asset, path, options, report)
+}
+
+/// Reads an asset in memory as if it had been written to `name` and loaded again.
+pub fn load_asset(asset: Asset, name: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
+    read_scene(asset, name, options, Report::new(name))
+}
+
+/// The problems, of which there must be one.
+fn failed(report: Report) -> LoadError {
+    if !report.has_problems() {
+        report.problem("file", "a readable glTF file", "something else", "");
+    }
+    match report.finish() {
+        Err(error) => error,
+        Ok(warnings) => LoadError { problems: Vec::new(), omitted: 0, warnings },
+    }
+}
+
+fn read_asset(path: &Path, options: &LoadOptions, report: &Report) -> Option<Asset> {
+    let (bytes, budget) = match read_limited(path, options.max_file_bytes) {
+        Ok(read) => read,
+        Err(error) => {
+            report.problem("file", "a readable file", error, "");
+            return None;
+        }
+    };
+    let (json, bin) = container::parse(&bytes, options, report)?;
+    drop(bytes);
+    extension::check(super::document::Entity::root(&json), report);
+    // Without a required extension everything else looks broken too.
+    if report.has_problems() {
+        return None;
+    }
+    Some(embed::embed(json, bin, &mut Folder::of(path, budget), report))
+}
+
+fn read_scene(asset: Asset, path: &Path, options: &LoadOptions, report: Report) -> Result<Loaded, LoadError> {
+    // Materials first: they say which textures are needed.
+    let material_count = asset.source().map_or_else(
+        || asset.table_len(Table::MATERIALS),
+        |source| source.materials.min(asset.table_len(Table::MATERIALS)),
+    );
+    let mut textures = TextureReader::new(&asset, options, &report);
+    let mut materials = read_materials(&asset, material_count, &mut textures, &report);
+    let textures = textures.textures;
+
+    // Nodes, and what hangs on them.
+    let hierarchy = Hierarchy::read(&asset, options, &report);
+    let mut meshes = MeshReader::new(&asset, options, &report, &hierarchy, material_count);
+    meshes.read_all();
+    let (mut parts, mut precision) = (meshes.parts, meshes.normal_precision);
+    let lights = read_lights(&asset, &hierarchy, &report);
+    let camera_nodes = read_cameras(&asset, &hierarchy, &report);
+    let mut cameras = AnimatedCameras::read(&asset, &hierarchy, &camera_nodes, &report);
+    if report.has_problems() {
+        return Err(failed(report));
+    }
+
+    // What light transport cannot work with is taken out, and said.
+    clean(&mut parts, &mut precision, &report);
+    finish_normals(&mut parts, &precision, &report);
+    if parts.surfaces.iter().any(|surface| surface.material.index() == material_count) {
+        materials.push(default_material());
+    }
+    if parts.triangles.is_empty() {
+        report.warn("scene", "has no surfaces");
+    }
+    let mut scene_cameras: Vec<_> = camera_nodes.into_iter().map(|node| node.camera).collect();
+    if scene_cameras.is_empty() {
+        scene_cameras.push(framed_camera(&parts.vertices));
+        cameras = AnimatedCameras::still(&scene_cameras);
+    }
+    let parts = SceneParts {
+        name: path.file_stem().map_or_else(|| "scene".to_owned(), |stem| stem.to_string_lossy().into_owned()),
+        materials,
+        textures,
+        lights,
+        cameras: scene_cameras,
+        ..parts
+    };
+    solid::check(&parts, &report);
+    match Scene::new(parts) {
+        Ok(scene) => {
+            let warnings = report.finish()?;
+            Ok(Loaded { scene, asset, cameras, warnings })
+        }
+        Err(issues) => {
+            for issue in issues {
+                report.problem(issue.place, "a valid scene", issue.problem, "");
+            }
+            Err(failed(report))
+        }
+    }
+}
