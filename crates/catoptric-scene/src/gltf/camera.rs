@@ -23,8 +23,7 @@ pub(super) fn read_cameras(asset: &Asset, hierarchy: &Hierarchy, report: &Report
     let mut names = std::collections::BTreeSet::new();
     for (position, node) in hierarchy.nodes.iter().enumerate().filter(|(_, node)| node.visible) {
         let Some(entity) = root.element(Table::NODES, node.index, report) else { continue };
-        let Some(index) = entity.index("camera", report) else { continue };
-        let Some(camera) = root.element(Table::CAMERAS, index, report) else { continue };
+        let Some((_, camera)) = root.follow(&entity, "camera", Table::CAMERAS, report) else { continue };
         let Some((projection, aspect, near)) = read_projection(&camera, report) else { continue };
         let Some(world_from_camera) = camera_frame(&node.world) else {
             report.problem(entity.place(), "a camera with directions", "a node scaled to nothing", "");
@@ -45,7 +44,11 @@ pub(super) fn read_cameras(asset: &Asset, hierarchy: &Hierarchy, report: &Report
     cameras
 }
 
-fn read_projection(camera: &Entity<'_>, report: &Report) -> Option<(Projection, Option<f32>, f32)> {
+/// Projection, aspect and near plane of a camera.
+pub(super) fn read_projection(
+    camera: &Entity<'_>,
+    report: &Report,
+) -> Option<(Projection, Option<f32>, f32)> {
     let positive = |from: &Entity<'_>, key: &str| {
         let number = from.number(key, report);
         if number.is_none_or(|number| number == 0.0) {

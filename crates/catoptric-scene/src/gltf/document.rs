@@ -120,6 +120,25 @@ impl<'a> Entity<'a> {
         }
     }
 
+    /// What the index under `key` of `from` refers to in a top-level table of this root. A reference that
+    /// leads nowhere is reported where it stands.
+    pub(super) fn follow(
+        &self,
+        from: &Entity<'_>,
+        key: &str,
+        table: Table,
+        report: &Report,
+    ) -> Option<(usize, Self)> {
+        let index = from.index(key, report)?;
+        let count = self.table_len(table);
+        if index >= count {
+            let found = format!("{} {index} of {count}", table.kind);
+            report.problem(from.place, format!("{key}: an existing {}", table.kind), found, "");
+            return None;
+        }
+        Some((index, self.element(table, index, report)?))
+    }
+
     /// The value of a key, whatever it is; null counts as absent.
     pub(super) fn raw(&self, key: &str) -> Option<&'a Value> {
         self.value.get(key).filter(|value| !value.is_null())
@@ -262,6 +281,11 @@ impl<'a> Entity<'a> {
                 None
             }
         }
+    }
+
+    /// The keys of this object.
+    pub(super) fn keys(&self) -> impl Iterator<Item = &'a str> {
+        self.value.keys().map(String::as_str)
     }
 
     /// The object of an extension of this one.

@@ -15,6 +15,7 @@ use super::mesh::MeshReader;
 use super::node::Hierarchy;
 use super::options::LoadOptions;
 use super::report::{LoadError, Report, Warning};
+use super::survey::survey;
 use super::texture::TextureReader;
 use super::uri::{Folder, read_limited};
 use super::{container, embed, extension, solid};
@@ -121,6 +122,7 @@ fn read_scene(asset: Asset, path: &Path, options: &LoadOptions, report: Report) 
         ..parts
     };
     solid::check(&parts, &report);
+    survey(&asset, &report);
     match Scene::new(parts) {
         Ok(scene) => {
             let warnings = report.finish()?;

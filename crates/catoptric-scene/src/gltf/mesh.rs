@@ -79,8 +79,7 @@ impl<'a> MeshReader<'a> {
         for node in hierarchy.nodes.iter().filter(|node| node.visible) {
             let root = self.asset.root();
             let Some(entity) = root.element(Table::NODES, node.index, self.report) else { continue };
-            let Some(mesh_index) = entity.index("mesh", self.report) else { continue };
-            let Some(mesh) = root.element(Table::MESHES, mesh_index, self.report) else { continue };
+            let Some((_, mesh)) = root.follow(&entity, "mesh", Table::MESHES, self.report) else { continue };
             let weights = entity
                 .number_list("weights", self.report)
                 .or_else(|| mesh.number_list("weights", self.report))

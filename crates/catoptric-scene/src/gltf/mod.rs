@@ -30,6 +30,7 @@ mod options;
 mod report;
 mod solid;
 mod spec_gloss;
+mod survey;
 mod texture;
 mod uri;
 

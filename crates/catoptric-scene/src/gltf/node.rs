@@ -119,7 +119,12 @@ impl Hierarchy {
             hierarchy.positions[index] = Some(position);
             let name = entity.display_name();
             hierarchy.nodes.push(Node { index, parent, name, local, world, visible });
-            let children = entity.indices("children", report).unwrap_or_default();
+            let mut children = entity.indices("children", report).unwrap_or_default();
+            if let Some(lost) = children.iter().find(|&&child| child >= count) {
+                let found = format!("node {lost} of {count}");
+                report.problem(entity.place(), "children: existing nodes", found, "");
+                children.clear();
+            }
             stack.extend(children.into_iter().rev().map(|child| (child, Some(position), depth + 1)));
         }
         hierarchy
@@ -175,7 +180,7 @@ pub(super) fn parentless(asset: &Asset, count: usize) -> Vec<usize> {
 }
 
 /// `matrix`, or translation, rotation and scale.
-fn local_transform(node: &Entity<'_>, report: &Report) -> Local {
+pub(super) fn local_transform(node: &Entity<'_>, report: &Report) -> Local {
     if let Some(columns) = node.numbers::<16>("matrix", report) {
         let mut matrix = DMat4::from_cols_array(&columns);
         if matrix.row(3) != glam::DVec4::W {

@@ -39,11 +39,10 @@ impl<'a> TextureReader<'a> {
     pub(super) fn reference(&mut self, owner: &Entity<'a>, key: &str) -> Option<TextureRef> {
         let report = self.report;
         let info = owner.object(key, report)?;
-        let Some(index) = info.index("index", report) else {
+        if info.raw("index").is_none() {
             report.problem(owner.place(), format!("{key}: a texture index"), "none", "");
-            return None;
-        };
-        let texture = self.asset.root().element(Table::TEXTURES, index, report)?;
+        }
+        let (_, texture) = self.asset.root().follow(&info, "index", Table::TEXTURES, report)?;
         let texture = self.load(&texture)?;
 
         let mut set = info.index("texCoord", report).unwrap_or(0);
@@ -64,11 +63,15 @@ impl<'a> TextureReader<'a> {
 
     fn load(&mut self, texture: &Entity<'a>) -> Option<TextureId> {
         let report = self.report;
-        let Some(source) = texture.index("source", report) else {
+        if texture.raw("source").is_none() {
             report.warn(texture.place(), "has no PNG or JPEG image and is ignored (convert others to PNG)");
             return None;
+        }
+        let (source, _) = self.asset.root().follow(texture, "source", Table::IMAGES, report)?;
+        let sampler = match texture.raw("sampler") {
+            None => None,
+            Some(_) => Some(self.asset.root().follow(texture, "sampler", Table::SAMPLERS, report)?.0),
         };
-        let sampler = texture.index("sampler", report);
         if let Some(known) = self.known.get(&(source, sampler)) {
             return *known;
         }
