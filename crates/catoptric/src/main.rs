@@ -1,3 +1,57 @@
 //! The command line of Catoptric.
 
-fn main() {}
+mod args;
+mod failure;
+mod info;
+mod input;
+mod interrupt;
+mod memory;
+mod output;
+mod pass_one;
+mod progress;
+mod render;
+mod report;
+mod solve;
+mod summary;
+mod value;
+
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser};
+
+use args::{Cli, Command, RunArgs};
+use failure::Failure;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    interrupt::install();
+    match run(&cli.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}
+
+fn run(command: &Command) -> Result<(), Failure> {
+    match command {
+        Command::Render(args) => start_threads(&args.run).and_then(|()| render::run(args)),
+        Command::Solve(args) => start_threads(&args.run).and_then(|()| solve::run(args)),
+        Command::Info(args) => info::run(args),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(*shell, &mut Cli::command(), "catoptric", &mut script);
+            report::print(&String::from_utf8_lossy(&script))
+        }
+    }
+}
+
+/// As many threads as were asked for, else one per processor.
+fn start_threads(args: &RunArgs) -> Result<(), Failure> {
+    let threads = args.threads.map_or(0, usize::from);
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global()
+        .map_err(|error| Failure::run(format_args!("cannot start the threads: {error}"), "try fewer: --threads 1"))
+}
