@@ -1,1 +1,18 @@
-//! Emitters, image chains, irradiance at a point by term, and who owns a light path
+//! Emitters, image chains, irradiance at a point by term, and **who owns a light path**.
+//!
+//! Does not know patches, meshes or cameras.
+
+pub mod chains;
+pub mod contour;
+pub mod emitter;
+pub mod irradiance;
+pub mod owner;
+pub mod punctual;
+pub mod receiver;
+pub mod sky;
+
+pub use chains::{ImageChain, ImageChains};
+pub use emitter::Emitters;
+pub use irradiance::{LightParams, Lights};
+pub use owner::{Owner, PathClass, Source};
+pub use receiver::Receiver;

@@ -2,6 +2,16 @@
 //!
 //! Does not know cameras or images.
 
+pub mod contact;
+pub mod draft;
+pub mod face;
+pub mod gather;
+pub mod media;
+pub mod patch;
+pub mod refine;
+pub mod rows;
 pub mod solve;
+pub mod solver;
+pub mod triangulate;
 
 pub use solve::{SolveParams, SolveReport, Solved, solve};

@@ -2,6 +2,8 @@
 //!
 //! Does not know form factor methods or solvers.
 
+pub mod layers;
+pub mod pixel;
 pub mod render;
 
 pub use render::{RenderParams, RenderReport, Rendered, render};

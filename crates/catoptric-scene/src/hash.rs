@@ -217,3 +217,64 @@ impl Feed {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::material::Material;
+    use crate::quantity::{Radiance, Rgb};
+    use crate::scene::{SceneParts, Surface, Triangle, Vertex};
+    use crate::{MaterialId, SurfaceId};
+
+    fn parts() -> SceneParts {
+        let vertex = |position: Vec3| Vertex {
+            position,
+            normal: Vec3::ZERO,
+            tangent: Vec4::ZERO,
+            uv: [Vec2::ZERO; 2],
+            color: Vec4::ONE,
+        };
+        SceneParts {
+            name: "scene".to_owned(),
+            vertices: [Vec3::ZERO, Vec3::X, Vec3::Y].map(vertex).to_vec(),
+            triangles: vec![Triangle { vertices: [0, 1, 2], surface: SurfaceId(0) }],
+            surfaces: vec![Surface {
+                name: "surface".to_owned(),
+                material: MaterialId(0),
+                smooth: false,
+                triangles: 0..1,
+            }],
+            materials: vec![Material::lambertian("grey", Rgb::splat(0.5))],
+            ..SceneParts::default()
+        }
+    }
+
+    fn hash(change: impl FnOnce(&mut SceneParts)) -> SceneHash {
+        let mut parts = parts();
+        change(&mut parts);
+        Scene::new(parts).map(|scene| scene.hash()).unwrap_or(SceneHash(0))
+    }
+
+    #[test]
+    fn the_hash_follows_what_light_follows_and_nothing_else() {
+        let original = hash(|_| {});
+        assert_eq!(original.to_string().parse(), Ok(original));
+        assert_eq!(hash(|parts| parts.name = "other".to_owned()), original);
+        assert_eq!(hash(|parts| parts.materials[0].name = "gray".to_owned()), original);
+        let changes: [fn(&mut SceneParts); 8] = [
+            |parts| parts.vertices[0].position.z = 1e-30,
+            |parts| parts.vertices[0].uv[1].x = 1.0,
+            |parts| parts.triangles[0].vertices = [1, 2, 0],
+            |parts| parts.surfaces[0].smooth = true,
+            |parts| parts.materials[0].double_sided = true,
+            |parts| parts.materials[0].emission = Radiance(Rgb::X),
+            |parts| parts.materials[0].absorption = Rgb::Z,
+            |parts| parts.sky = Some(Sky::Uniform(Radiance(Rgb::ONE))),
+        ];
+        let mut hashes: Vec<SceneHash> = changes.into_iter().map(hash).collect();
+        hashes.push(original);
+        hashes.sort();
+        hashes.dedup();
+        assert_eq!(hashes.len(), 9, "every change has its own hash");
+    }
+}

@@ -14,7 +14,7 @@ pub enum Event {
 }
 
 /// Planar reflections that a chain remembers.
-pub const MAX_PLANAR: usize = 6;
+pub const MAX_PLANAR: usize = 8;
 
 /// The events of a path between two diffuse ends, in the order in which they were met.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

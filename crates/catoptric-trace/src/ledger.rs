@@ -33,6 +33,18 @@ impl Ledger {
         self.roulette += other.roulette;
     }
 
+    /// Every entry times `factor`.
+    pub fn scaled(&self, factor: f64) -> Ledger {
+        Ledger {
+            arrived: self.arrived * factor,
+            absorbed: self.absorbed * factor,
+            black_backs: self.black_backs * factor,
+            escaped: self.escaped * factor,
+            cut_off: self.cut_off * factor,
+            roulette: self.roulette * factor,
+        }
+    }
+
     /// The sum of all entries: what was sent.
     pub fn sum(&self) -> DVec3 {
         self.arrived + self.absorbed + self.black_backs + self.escaped + self.cut_off + self.roulette

@@ -66,7 +66,7 @@ impl Tolerance {
 impl Planes {
     /// Groups the triangles of `scene` by plane.
     pub fn new(scene: &Scene) -> Self {
-        let (center, size) = bounds(scene);
+        let (center, size) = bounds_of(scene);
         let size = size.max(f64::MIN_POSITIVE);
         let reach = size + center.abs().max_element();
         let tolerance = Tolerance { offset: OFFSET_TOLERANCE * reach, size, reach };
@@ -138,7 +138,7 @@ impl Plane {
 }
 
 /// Centre and diagonal of the scene's bounding box.
-pub(crate) fn bounds(scene: &Scene) -> (DVec3, f64) {
+pub fn bounds_of(scene: &Scene) -> (DVec3, f64) {
     let mut min = Vec3::INFINITY;
     let mut max = Vec3::NEG_INFINITY;
     for vertex in scene.triangles().iter().flat_map(|t| t.vertices) {

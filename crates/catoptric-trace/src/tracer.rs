@@ -122,7 +122,7 @@ impl<'a> Tracer<'a> {
                     && material.metallic_roughness_texture.is_none()
             })
             .collect();
-        let (center, diagonal) = crate::plane::bounds(scene);
+        let (center, diagonal) = crate::plane::bounds_of(scene);
         Self {
             scene,
             tree,

@@ -34,7 +34,7 @@ fn tessellated_box(n: u32, rotation: Quat, shift: Vec3) -> Scene {
         }
         parts.add_triangles(&format!("face {face}"), white, &positions, &indices);
     }
-    Scene::new(parts).unwrap()
+    Scene::new(parts).expect("a closed box is a valid scene")
 }
 
 /// CRATES: obvhs's own test missed 1–10 % of rays aimed exactly at vertices and edges. Here none may be missed where the

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use catoptric_image::{Image, ReadLimits};
 use catoptric_scene::gltf::{AnimatedCameras, Asset, LoadOptions, Loaded, load};
 use catoptric_scene::{Radiance, Scene, SceneHash, Sky, SkyImage};
-use catoptric_solution::file::{self, Saved};
 use catoptric_solution::Solution;
+use catoptric_solution::file::{self, Saved};
 
 use crate::failure::{Failure, did_you_mean};
 use crate::value::SkySource;
@@ -56,7 +56,8 @@ impl Input {
         let mut warnings: Vec<String> = warnings.iter().map(ToString::to_string).collect();
 
         // The sky that was asked for, else the one that the solution was made with.
-        let (saved_sky, solution) = saved.map_or((None, None), |Saved { sky, solution }| (sky, Some(solution)));
+        let (saved_sky, solution) =
+            saved.map_or((None, None), |Saved { sky, solution }| (sky, Some(solution)));
         let sky = match sky {
             Some(source) => Some(read_sky(source, &mut warnings)?),
             None => saved_sky,
@@ -130,7 +131,8 @@ fn check_hash(
         path.display(),
     );
     let sky = scene.sky().is_some();
-    let hint = if sky { "the sky belongs to the light: solve again with the same --sky" } else { "solve it again" };
+    let hint =
+        if sky { "the sky belongs to the light: solve again with the same --sky" } else { "solve it again" };
     Err(Failure::run(
         found,
         format_args!("{hint}: catoptric solve {} -o {}", path.display(), light_file.display()),

@@ -1,6 +1,7 @@
 //! The command line of Catoptric.
 
 mod args;
+mod estimate;
 mod failure;
 mod info;
 mod input;
@@ -50,8 +51,7 @@ fn run(command: &Command) -> Result<(), Failure> {
 /// As many threads as were asked for, else one per processor.
 fn start_threads(args: &RunArgs) -> Result<(), Failure> {
     let threads = args.threads.map_or(0, usize::from);
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build_global()
-        .map_err(|error| Failure::run(format_args!("cannot start the threads: {error}"), "try fewer: --threads 1"))
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().map_err(|error| {
+        Failure::run(format_args!("cannot start the threads: {error}"), "try fewer: --threads 1")
+    })
 }

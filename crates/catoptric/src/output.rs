@@ -137,10 +137,7 @@ fn extension(path: &Path) -> String {
 pub(crate) fn check(path: &Path, inputs: &[&Path]) -> Result<(), Failure> {
     let shown = path.display();
     if path.is_dir() {
-        return Err(Failure::run(
-            format_args!("{shown}: is a folder"),
-            "name a file in it, like out.exr",
-        ));
+        return Err(Failure::run(format_args!("{shown}: is a folder"), "name a file in it, like out.exr"));
     }
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -155,10 +152,14 @@ pub(crate) fn check(path: &Path, inputs: &[&Path]) -> Result<(), Failure> {
     if let Err(error) = tempfile::Builder::new().prefix(".catoptric-").suffix(".tmp").tempfile_in(folder) {
         return Err(Failure::run(
             format_args!("{shown}: cannot be written: {error}"),
-            format_args!("the folder {} must be writable: results are written beside and renamed", folder.display()),
+            format_args!(
+                "the folder {} must be writable: results are written beside and renamed",
+                folder.display()
+            ),
         ));
     }
-    let same = |input: &&Path| matches!((path.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    let same =
+        |input: &&Path| matches!((path.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
     if inputs.iter().any(same) {
         return Err(Failure::usage(
             format_args!("{shown}: is an input of this command and would be overwritten"),

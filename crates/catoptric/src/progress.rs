@@ -135,14 +135,8 @@ impl Progress for Reporter {
         self.done.store(0, Ordering::Relaxed);
         let now = Instant::now();
         let bar = (self.voice == Voice::Bars).then(|| bar(stage, &state.context, total));
-        state.running = Some(Running {
-            name: stage.to_owned(),
-            total,
-            started: now,
-            bar,
-            last_line: now,
-            next_tenth: 1,
-        });
+        state.running =
+            Some(Running { name: stage.to_owned(), total, started: now, bar, last_line: now, next_tenth: 1 });
     }
 
     fn advance(&self, units: u64) {

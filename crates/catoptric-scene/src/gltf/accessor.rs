@@ -151,6 +151,15 @@ impl<'a> Accessor<'a> {
         self.base.is_none() && self.sparse.is_none()
     }
 
+    /// Whether no byte stands behind element `index`: it is zero.
+    pub(super) fn is_absent(&self, index: usize) -> bool {
+        self.base.is_none()
+            && self
+                .sparse
+                .as_ref()
+                .is_none_or(|sparse| sparse.indices.binary_search(&(index as u32)).is_err())
+    }
+
     /// Bytes of element `index`; none where it is all zeros.
     fn bytes(&self, index: usize) -> &'a [u8] {
         if let Some(sparse) = &self.sparse

@@ -310,20 +310,18 @@ impl Asset {
     /// Adds bytes behind the blob; returns the index of their view.
     fn append_bytes(&mut self, bytes: impl Iterator<Item = u8>, length: usize) -> Result<usize, AppendError> {
         self.mark_source();
+        // Views have at least one byte, start at and are followed by multiples of four.
         let start = self.blob.len().next_multiple_of(4);
-        let end = start as u64 + length as u64;
+        let end = (start as u64 + length.max(1) as u64).next_multiple_of(4);
         if end > u64::from(u32::MAX) {
             return Err(AppendError::TooLarge { bytes: end });
         }
         self.blob.reserve(end as usize - self.blob.len());
         self.blob.resize(start, 0);
         self.blob.extend(bytes);
+        self.blob.resize(end as usize, 0);
         if !self.json.contains_key("buffers") {
             self.json.insert("buffers".to_owned(), json!([{ "byteLength": length }]));
-        }
-        // Views have at least one byte.
-        if length == 0 {
-            self.blob.extend_from_slice(&[0; 4]);
         }
         Ok(self.push("bufferViews", json!({ "buffer": 0, "byteOffset": start, "byteLength": length.max(1) })))
     }

@@ -55,6 +55,11 @@ impl<'a> Morph<'a> {
         Self { targets }
     }
 
+    /// Whether no target moves anything.
+    pub(super) fn is_empty(&self) -> bool {
+        self.targets.is_empty()
+    }
+
     pub(super) fn position(&self, vertex: usize, base: DVec3) -> DVec3 {
         self.sum(vertex, base, |target| target.position.as_ref())
     }

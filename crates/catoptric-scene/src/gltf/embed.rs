@@ -37,6 +37,9 @@ pub(super) fn embed(
     rewrite_views(&mut asset, &placed, report);
     embed_images(&mut asset, folder, report);
 
+    // Chunks are padded to four bytes: with the padding in it the blob survives writing and reading.
+    asset.blob.resize(asset.blob.len().next_multiple_of(4), 0);
+
     // One buffer is left; its length is written with the file.
     if asset.json.contains_key("buffers") || !asset.blob.is_empty() {
         let mut buffer = match asset.json.get_mut("buffers") {

@@ -204,7 +204,7 @@ impl<'a> MeshReader<'a> {
                 format!("has {slots} corners: the last {} are left over", slots % 3),
             );
         }
-        let mut corners = Vec::with_capacity(triangles);
+        let (mut corners, mut flat) = (Vec::new(), 0_usize);
         for triangle in 0..triangles {
             let corner = mode.corners(triangle).map(|slot| match &indices {
                 Some(indices) => indices.get_u32::<1>(slot)[0],
@@ -215,7 +215,18 @@ impl<'a> MeshReader<'a> {
                 report.problem(place, format!("indices below {count}"), index, "export the file again");
                 return None;
             }
+            // Zeros that no byte stands behind are cheap to ask for: they must not become vertices.
+            let [a, b, c] = corner;
+            let absent = |index: u32| attributes.position.is_absent(index as usize);
+            if a == b || b == c || c == a || (attributes.morph.is_empty() && corner.into_iter().all(absent)) {
+                flat += 1;
+                continue;
+            }
             corners.push(corner);
+        }
+        if flat > 0 {
+            let message = format!("{flat} triangles have no area and were dropped");
+            report.warn(format!("surface {name:?}"), message);
         }
         let material = self.material(primitive, name)?;
         self.add_surface(name, material, &attributes, &corners, instances)

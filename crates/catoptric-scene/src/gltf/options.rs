@@ -24,7 +24,7 @@ impl Default for LoadOptions {
         Self {
             max_file_bytes: 4 << 30,
             max_json_memory: 2 << 30,
-            max_triangles: 20_000_000,
+            max_triangles: 10_000_000,
             max_texture_pixels: 1 << 28,
             max_nodes: 1_000_000,
             max_surfaces: 1_000_000,

@@ -1,0 +1,323 @@
+//! Image chains: the sequences of planar mirrors over which sources are seen as images, found before any gather.
+
+use glam::DVec3;
+
+use catoptric_scene::{Barycentric, Rgb, Side, TriangleId};
+use catoptric_trace::chain::MAX_PLANAR;
+use catoptric_trace::plane::Plane;
+use catoptric_trace::{PlaneId, Tracer};
+
+use crate::contour::Polygon;
+use crate::emitter::Emitters;
+
+/// A flat reflecting piece of a plane.
+#[derive(Clone, Debug)]
+pub struct Aperture {
+    /// Its convex outline.
+    pub outline: Polygon,
+    /// Unit normal of the reflecting side.
+    pub normal: DVec3,
+    /// Both sides reflect.
+    pub double_sided: bool,
+}
+
+/// A plane with its reflecting pieces.
+#[derive(Clone, Debug)]
+pub struct Reflector {
+    /// Its id.
+    pub id: PlaneId,
+    /// Its equation.
+    pub plane: Plane,
+    /// Its pieces. Empty: too many to clip by; following the chain decides.
+    pub apertures: Vec<Aperture>,
+    /// Corners of all pieces, for culling: (outline, normal, double-sided).
+    pieces: Vec<Aperture>,
+    /// Largest reflectance at normal incidence.
+    strength: f32,
+}
+
+/// Mirrors in the order in which a path from the receiver meets them.
+#[derive(Clone, Debug)]
+pub struct ImageChain {
+    /// Ids of the planes.
+    pub planes: Vec<PlaneId>,
+    /// Indices into [`ImageChains::reflectors`].
+    pub(crate) reflectors: Vec<usize>,
+    strength: f32,
+}
+
+/// All chains that are followed by images; others belong to the hemisphere rays.
+#[derive(Clone, Debug, Default)]
+pub struct ImageChains {
+    reflectors: Vec<Reflector>,
+    chains: Vec<ImageChain>,
+}
+
+/// Chains at most: each costs every gather a look.
+const MAX_CHAINS: usize = 64;
+/// Chains whose reflectances multiply to less are left to the hemisphere rays.
+const MIN_STRENGTH: f32 = 2e-3;
+/// Pieces of a plane beyond which clipping costs more than it saves.
+const MAX_APERTURES: usize = 6;
+
+impl ImageChains {
+    /// Finds the reflectors and the chains between them that can carry light from a source.
+    pub fn new(tracer: &Tracer, emitters: &Emitters, far_sources: bool) -> Self {
+        let reflectors = reflectors(tracer);
+        let sees = |a: &Reflector, b: &Reflector| {
+            a.pieces
+                .iter()
+                .any(|p| b.pieces.iter().any(|q| in_front(p, &q.outline) && in_front(q, &p.outline)))
+        };
+        let lit = |r: &Reflector| {
+            far_sources
+                || emitters.cells().iter().any(|cell| {
+                    let outline = cell.polygon();
+                    let emitting = Aperture { outline, normal: cell.normal, double_sided: false };
+                    r.pieces.iter().any(|p| in_front(p, &outline) && in_front(&emitting, &p.outline))
+                })
+        };
+        let count = reflectors.len();
+        let visible: Vec<Vec<bool>> = (0..count)
+            .map(|a| (0..count).map(|b| a != b && sees(&reflectors[a], &reflectors[b])).collect())
+            .collect();
+        let is_lit: Vec<bool> = reflectors.iter().map(lit).collect();
+
+        // Breadth first: short chains carry most light.
+        let mut found: Vec<ImageChain> = Vec::new();
+        let mut front: Vec<Vec<usize>> = (0..count).map(|r| vec![r]).collect();
+        let mut examined = 0;
+        for _ in 0..MAX_PLANAR {
+            let mut next = Vec::new();
+            for chain in &front {
+                let strength: f32 = chain.iter().map(|&r| reflectors[r].strength).product();
+                examined += 1;
+                if strength < MIN_STRENGTH || examined > 20_000 {
+                    continue;
+                }
+                let last = chain[chain.len() - 1];
+                if is_lit[last] {
+                    found.push(ImageChain {
+                        planes: chain.iter().map(|&r| reflectors[r].id).collect(),
+                        reflectors: chain.clone(),
+                        strength,
+                    });
+                }
+                for next_reflector in (0..count).filter(|&r| visible[last][r]) {
+                    let mut longer = chain.clone();
+                    longer.push(next_reflector);
+                    next.push(longer);
+                }
+            }
+            if found.len() >= 4 * MAX_CHAINS {
+                break;
+            }
+            front = next;
+        }
+        found.sort_by(|a, b| {
+            b.strength
+                .total_cmp(&a.strength)
+                .then(a.planes.len().cmp(&b.planes.len()))
+                .then(a.planes.cmp(&b.planes))
+        });
+        found.truncate(MAX_CHAINS);
+        Self { reflectors, chains: found }
+    }
+
+    /// The chains.
+    pub fn chains(&self) -> &[ImageChain] {
+        &self.chains
+    }
+
+    /// The reflectors.
+    pub fn reflectors(&self) -> &[Reflector] {
+        &self.reflectors
+    }
+
+    /// Whether a sequence of planes is on the list.
+    pub fn contains(&self, planes: &[PlaneId]) -> bool {
+        self.chains.iter().any(|c| c.planes == planes)
+    }
+}
+
+/// Whether any corner of `outline` lies on the reflecting (or emitting) side of `piece`.
+fn in_front(piece: &Aperture, outline: &Polygon) -> bool {
+    let offset = piece.normal.dot(piece.outline.corners()[0]);
+    outline.corners().iter().any(|c| {
+        let height = piece.normal.dot(*c) - offset;
+        height > 0.0 || (piece.double_sided && height != 0.0)
+    })
+}
+
+/// The planes with images, their pieces joined to parallelograms where they are.
+fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
+    let scene = tracer.scene();
+    let mut reflectors: Vec<Reflector> = Vec::new();
+    for surface in scene.surfaces() {
+        for index in surface.triangles.clone() {
+            let id = TriangleId(index);
+            let Some(plane) = tracer.image_plane(id) else { continue };
+            let material = scene.material_of(id);
+            if !material.may_be_specular() {
+                continue;
+            }
+            let point = scene.surface_point(id, Barycentric { u: 1.0 / 3.0, v: 1.0 / 3.0 });
+            let f0 = ((point.ior - 1.0) / (point.ior + 1.0)).powi(2);
+            let strength = point.mirror.max_element()
+                + point.coat * point.coat_share * f0
+                + point.transmission * f0 * 2.0
+                + point.clearcoat * 0.04;
+            let corners = scene.corners(id).map(|c| c.as_dvec3());
+            let piece = Aperture {
+                outline: Polygon::new(&corners),
+                normal: Side::Front.orient(scene.geometric_normal(id)).as_dvec3(),
+                double_sided: tracer.has_back(id),
+            };
+            let known = reflectors.iter().position(|r| r.id == plane);
+            let reflector = known.unwrap_or_else(|| {
+                reflectors.push(Reflector {
+                    id: plane,
+                    plane: tracer.planes().plane(plane),
+                    apertures: Vec::new(),
+                    pieces: Vec::new(),
+                    strength: 0.0,
+                });
+                reflectors.len() - 1
+            });
+            let reflector = &mut reflectors[reflector];
+            // Textured mirrors may be stronger elsewhere: the factor bounds them.
+            let bound =
+                if material.base_texture.is_some() { material.base_color.max_element() } else { strength };
+            reflector.strength = reflector.strength.max(bound.max(strength));
+            reflector.pieces.push(piece);
+        }
+    }
+    for reflector in &mut reflectors {
+        reflector.apertures = joined(&reflector.pieces);
+        if reflector.apertures.len() > MAX_APERTURES {
+            reflector.apertures.clear();
+        }
+    }
+    reflectors
+}
+
+/// Joins triangles that make up parallelograms.
+fn joined(pieces: &[Aperture]) -> Vec<Aperture> {
+    let mut result: Vec<Aperture> = Vec::new();
+    let mut index = 0;
+    while index < pieces.len() {
+        let first = &pieces[index];
+        let partner = pieces.get(index + 1).and_then(|second| join(first, second));
+        index += if partner.is_some() { 2 } else { 1 };
+        result.push(partner.unwrap_or_else(|| first.clone()));
+    }
+    result
+}
+
+fn join(first: &Aperture, second: &Aperture) -> Option<Aperture> {
+    let (p, q) = (first.outline.corners(), second.outline.corners());
+    if first.double_sided != second.double_sided || first.normal.dot(second.normal) < 0.999 {
+        return None;
+    }
+    let lone_p = (0..3).find(|&i| !q.contains(&p[i]))?;
+    let lone_q = (0..3).find(|&i| !p.contains(&q[i]))?;
+    if (0..3).any(|i| i != lone_p && !q.contains(&p[i])) {
+        return None;
+    }
+    let (corner, a, b) = (p[lone_p], p[(lone_p + 1) % 3], p[(lone_p + 2) % 3]);
+    let opposite = q[lone_q];
+    let closes =
+        (a + b - corner - opposite).length() < 1e-5 * ((a - corner).length() + (b - corner).length());
+    closes.then(|| Aperture { outline: Polygon::new(&[corner, a, opposite, b]), ..first.clone() })
+}
+
+/// A receiver's place in the unfolded space of a chain, where the light is where it really is and the path is straight.
+#[derive(Clone, Debug)]
+pub struct Unfolded {
+    /// Image of the receiver's position.
+    pub position: DVec3,
+    /// Image of its normal.
+    pub normal: DVec3,
+    /// Image of its geometric normal.
+    pub geometric: DVec3,
+}
+
+impl ImageChains {
+    /// The receiver's image through a chain, or `None` if it lies behind the first mirror's every side.
+    pub fn unfold(
+        &self,
+        chain: &ImageChain,
+        position: DVec3,
+        normal: DVec3,
+        geometric: DVec3,
+    ) -> Option<Unfolded> {
+        let mut image = Unfolded { position, normal, geometric };
+        for &index in &chain.reflectors {
+            let reflector = &self.reflectors[index];
+            let height = |p: &Aperture| p.normal.dot(image.position - p.outline.corners()[0]);
+            // The image of the receiver must see the reflecting side of this mirror.
+            if !reflector.pieces.iter().any(|p| p.double_sided || height(p) > 0.0) {
+                return None;
+            }
+            image.position = reflector.plane.reflect_point(image.position);
+            image.normal = reflector.plane.reflect_vector(image.normal);
+            image.geometric = reflector.plane.reflect_vector(image.geometric);
+        }
+        Some(image)
+    }
+
+    /// Windows of the chain in unfolded space, each a choice of one piece per mirror: calls `visit` for every
+    /// combination (at most 8; more are left unclipped: following the chain decides).
+    pub fn windows(&self, chain: &ImageChain, mut visit: impl FnMut(&[Polygon])) {
+        let counts: Vec<usize> =
+            chain.reflectors.iter().map(|&r| self.reflectors[r].apertures.len()).collect();
+        let combinations: usize = counts.iter().product();
+        if combinations == 0 || combinations > 8 {
+            visit(&[]);
+            return;
+        }
+        let mut windows = Vec::with_capacity(counts.len());
+        for mut combination in 0..combinations {
+            windows.clear();
+            for (level, &index) in chain.reflectors.iter().enumerate() {
+                let choice = combination % counts[level];
+                combination /= counts[level];
+                let mut corners: Vec<DVec3> =
+                    self.reflectors[index].apertures[choice].outline.corners().to_vec();
+                // Seen from the light: reflected at every later mirror.
+                for &later in &chain.reflectors[level + 1..] {
+                    for corner in &mut corners {
+                        *corner = self.reflectors[later].plane.reflect_point(*corner);
+                    }
+                }
+                windows.push(Polygon::new(&corners));
+            }
+            visit(&windows);
+        }
+    }
+
+    /// Where a path to the point `light` aims before each mirror, and the light itself last.
+    pub fn targets(&self, chain: &ImageChain, light: DVec3, targets: &mut Vec<glam::Vec3>) {
+        targets.clear();
+        targets.push(light.as_vec3());
+        let mut image = light;
+        for &index in chain.reflectors.iter().rev() {
+            image = self.reflectors[index].plane.reflect_point(image);
+            targets.push(image.as_vec3());
+        }
+        targets.reverse();
+    }
+}
+
+/// The product of the largest reflectances, for reports.
+impl ImageChain {
+    /// Product of the mirrors' largest reflectances.
+    pub fn strength(&self) -> f32 {
+        self.strength
+    }
+
+    /// An upper bound of what is lost when the chain is left out.
+    pub fn bound(&self, power: Rgb) -> Rgb {
+        power * self.strength
+    }
+}

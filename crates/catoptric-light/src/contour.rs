@@ -1,0 +1,193 @@
+//! Irradiance by polygons: Lambert's contour formula with exact horizon and aperture clipping.
+//!
+//! Source: Lambert 1760; Baum, Rushmeier & Winget 1989, eq. 10: the irradiance at a point by a polygon of unit
+//! radiance is ½ Σ_k γ_k (n · Γ_k), γ_k the angle under which edge k is seen and Γ_k the unit normal of the plane
+//! through the point and the edge. Keys in docs/references.md: Lambert1760, Baum1989.
+
+use glam::DVec3;
+
+/// Most corners that a clipped polygon keeps: four, plus one per clipping plane that cuts a new corner off.
+pub const MAX_CORNERS: usize = 24;
+
+/// A convex planar polygon.
+#[derive(Clone, Copy, Debug)]
+pub struct Polygon {
+    corners: [DVec3; MAX_CORNERS],
+    count: usize,
+}
+
+impl Polygon {
+    /// From up to [`MAX_CORNERS`] corners; further ones are dropped.
+    pub fn new(corners: &[DVec3]) -> Self {
+        let mut polygon = Self { corners: [DVec3::ZERO; MAX_CORNERS], count: 0 };
+        for &corner in corners {
+            polygon.push(corner);
+        }
+        polygon
+    }
+
+    /// Its corners.
+    #[inline]
+    pub fn corners(&self) -> &[DVec3] {
+        &self.corners[..self.count]
+    }
+
+    /// Whether nothing is left.
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        self.count < 3
+    }
+
+    #[inline]
+    fn push(&mut self, corner: DVec3) {
+        if self.count < MAX_CORNERS {
+            self.corners[self.count] = corner;
+            self.count += 1;
+        }
+    }
+
+    /// The part where normal·x ≥ offset (Sutherland & Hodgman 1974).
+    pub fn clipped(&self, normal: DVec3, offset: f64) -> Self {
+        let mut result = Self { corners: [DVec3::ZERO; MAX_CORNERS], count: 0 };
+        let corners = self.corners();
+        let Some(&last) = corners.last() else { return result };
+        let mut previous = last;
+        let mut previous_height = normal.dot(previous) - offset;
+        for &corner in corners {
+            let height = normal.dot(corner) - offset;
+            if (height >= 0.0) != (previous_height >= 0.0) {
+                let t = previous_height / (previous_height - height);
+                result.push(previous.lerp(corner, t));
+            }
+            if height >= 0.0 {
+                result.push(corner);
+            }
+            (previous, previous_height) = (corner, height);
+        }
+        result
+    }
+
+    /// The part seen from `eye` through the convex window `aperture`.
+    pub fn seen_through(&self, eye: DVec3, aperture: &Polygon) -> Self {
+        let window = aperture.corners();
+        let center = window.iter().copied().sum::<DVec3>() / window.len().max(1) as f64;
+        let mut result = *self;
+        for (index, &a) in window.iter().enumerate() {
+            let b = window[(index + 1) % window.len()];
+            let mut normal = (a - eye).cross(b - eye);
+            if normal.dot(center - eye) < 0.0 {
+                normal = -normal;
+            }
+            let length = normal.length();
+            if length <= 0.0 {
+                continue;
+            }
+            normal /= length;
+            result = result.clipped(normal, normal.dot(eye));
+            if result.is_empty() {
+                break;
+            }
+        }
+        result
+    }
+
+    /// Its vector area: half the sum of cross products, along its normal.
+    pub fn vector_area(&self) -> DVec3 {
+        let corners = self.corners();
+        let Some(&first) = corners.first() else { return DVec3::ZERO };
+        corners.windows(2).map(|w| (w[0] - first).cross(w[1] - first)).sum::<DVec3>() * 0.5
+    }
+
+    /// A point of the polygon: fan of triangles, uniform by area.
+    pub fn point(&self, u: f64, v: f64) -> DVec3 {
+        let corners = self.corners();
+        let first = corners[0];
+        let total: f64 =
+            corners.windows(2).skip(1).map(|w| (w[0] - first).cross(w[1] - first).length()).sum();
+        let mut remaining = u * total;
+        for (index, w) in corners.windows(2).enumerate().skip(1) {
+            let area = (w[0] - first).cross(w[1] - first).length();
+            if remaining <= area || index + 2 == corners.len() {
+                let s = if area > 0.0 { (remaining / area).clamp(0.0, 1.0).sqrt() } else { 0.0 };
+                return first + (w[0] - first) * (s * (1.0 - v)) + (w[1] - first) * (s * v);
+            }
+            remaining -= area;
+        }
+        first
+    }
+}
+
+/// Irradiance at `point` with unit normal `normal` by a polygon of unit radiance: the configuration factor times π.
+/// The polygon is clipped to the horizon. The sign of its winding does not matter.
+pub fn irradiance(point: DVec3, normal: DVec3, polygon: &Polygon) -> f64 {
+    let above = polygon.clipped(normal, normal.dot(point));
+    if above.is_empty() {
+        return 0.0;
+    }
+    let corners = above.corners();
+    let mut previous = (corners[corners.len() - 1] - point).normalize_or_zero();
+    let mut sum = 0.0;
+    for &corner in corners {
+        let current = (corner - point).normalize_or_zero();
+        let cross = previous.cross(current);
+        let sine = cross.length();
+        // atan2 keeps the angle exact for short and for long edges; sinγ = 0: no plane, no contribution.
+        if sine > 0.0 {
+            let angle = libm::atan2(sine, previous.dot(current));
+            sum += angle / sine * normal.dot(cross);
+        }
+        previous = current;
+    }
+    (0.5 * sum).abs()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::PI;
+
+    fn rectangle(corner: DVec3, a: DVec3, b: DVec3) -> Polygon {
+        Polygon::new(&[corner, corner + a, corner + a + b, corner + b])
+    }
+
+    /// Parallel rectangle with one corner above the point (Howell B-3):
+    /// F = (A/√(1+A²)·atan(B/√(1+A²)) + B/√(1+B²)·atan(A/√(1+B²)))/2π.
+    #[test]
+    fn a_parallel_rectangle_matches_its_closed_form() {
+        for (a, b, c) in [(1.0, 1.0, 1.0), (0.3, 2.0, 0.7), (20.0, 0.1, 0.05)] {
+            let (x, y): (f64, f64) = (a / c, b / c);
+            let (rx, ry) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
+            let exact = (x / rx * (y / rx).atan() + y / ry * (x / ry).atan()) / (2.0 * PI);
+            let polygon = rectangle(DVec3::new(0.0, 0.0, c), DVec3::X * a, DVec3::Y * b);
+            let ours = irradiance(DVec3::ZERO, DVec3::Z, &polygon) / PI;
+            assert!((ours / exact - 1.0).abs() < 1e-12, "{a} {b} {c}: {ours} {exact}");
+        }
+    }
+
+    /// Perpendicular rectangle that stands on the point's plane (Howell B-4):
+    /// F = (atan(1/y) − y/√(x²+y²)·atan(1/√(x²+y²)))/2π with x = a/b, y = c/b; here the width b is on one side.
+    #[test]
+    fn a_perpendicular_rectangle_matches_its_closed_form_below_the_horizon_too() {
+        let (width, height, distance): (f64, f64, f64) = (0.8, 1.3, 0.4);
+        let (x, y) = (height / width, distance / width);
+        let root = (x * x + y * y).sqrt();
+        let exact = ((1.0 / y).atan() - y / root * (1.0 / root).atan()) / (2.0 * PI);
+        // The same wall goes on below the horizon: that part gives nothing.
+        let wall = rectangle(DVec3::new(0.0, distance, -5.0), DVec3::X * width, DVec3::Z * (5.0 + height));
+        let ours = irradiance(DVec3::ZERO, DVec3::Z, &wall) / PI;
+        assert!((ours / exact - 1.0).abs() < 1e-12, "{ours} {exact}");
+    }
+
+    /// Seen through a window in a plane half-way, the part of a screen is twice the window.
+    #[test]
+    fn a_window_half_way_shows_a_part_of_twice_its_size() {
+        let screen = rectangle(DVec3::new(-10.0, -10.0, 2.0), DVec3::X * 20.0, DVec3::Y * 20.0);
+        let window = rectangle(DVec3::new(0.1, 0.2, 1.0), DVec3::X * 0.3, DVec3::Y * 0.4);
+        let part = screen.seen_through(DVec3::ZERO, &window);
+        assert!((part.vector_area().length() - 0.3 * 0.4 * 4.0).abs() < 1e-12);
+        for i in 0..50 {
+            let p = part.point(f64::from(i) / 50.0, f64::from(i * 7 % 50) / 50.0);
+            assert!(p.x >= 0.2 - 1e-12 && p.x <= 0.8 + 1e-12 && p.y >= 0.4 - 1e-12 && p.y <= 1.2 + 1e-12);
+        }
+    }
+}

@@ -1,0 +1,505 @@
+//! Irradiance at a point by area emitters and the bright sky: straight, and over image chains.
+//!
+//! Per emitter cell: Lambert's formula on the part above the horizon and inside the mirrors' windows, times the mean
+//! throughput of stratified shadow rays, weighted by the integrand. Unoccluded untextured light is exact.
+
+use glam::{DVec3, Vec3};
+
+use catoptric_scene::{Rgb, Sky};
+use catoptric_trace::sequence::Key;
+use catoptric_trace::{PlaneId, Tracer, walk};
+
+use crate::chains::{ImageChain, ImageChains, Unfolded};
+use crate::contour::{self, Polygon};
+use crate::emitter::{Emitters, Part};
+use crate::receiver::Receiver;
+use crate::sky::BrightSky;
+
+/// How sources are evaluated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LightParams {
+    /// Images of sources in planar mirrors (off for plain radiosity).
+    pub images: bool,
+    /// Whether a light-side pass owns the caustic paths.
+    pub light_rays: bool,
+}
+
+impl Default for LightParams {
+    fn default() -> Self {
+        Self { images: true, light_rays: false }
+    }
+}
+
+/// The sources of a scene, ready to be asked.
+#[derive(Clone, Debug)]
+pub struct Lights<'a> {
+    tracer: &'a Tracer<'a>,
+    emitters: Emitters,
+    chains: ImageChains,
+    bright: BrightSky,
+    params: LightParams,
+    far: f32,
+}
+
+/// Reused buffers of one thread.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    pieces: Vec<Piece>,
+    small: Vec<(u32, f64)>,
+    texels: Vec<(u32, f32)>,
+    pub(crate) targets: Vec<Vec3>,
+    /// Shadow rays cast (chains count one).
+    pub rays: u64,
+}
+
+/// A visible part of a cell.
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    polygon: Polygon,
+    cell: u32,
+    whole: bool,
+    /// Irradiance by unit radiance.
+    unit: f64,
+    weight: f64,
+}
+
+/// Irradiance with what its shadow rays saw.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SourceIrradiance {
+    /// The irradiance.
+    pub irradiance: Rgb,
+    /// The same if nothing blocked.
+    pub unoccluded: Rgb,
+    /// Some strata were visible and some were not.
+    pub partial: bool,
+}
+
+impl<'a> Lights<'a> {
+    /// Collects the sources and finds the image chains.
+    pub fn new(tracer: &'a Tracer<'a>, params: LightParams) -> Self {
+        let emitters = Emitters::new(tracer);
+        let scene = tracer.scene();
+        let bright = BrightSky::new(scene.sky());
+        let far_sources = !scene.lights().is_empty() || !bright.is_empty();
+        let chains = if params.images {
+            ImageChains::new(tracer, &emitters, far_sources)
+        } else {
+            ImageChains::default()
+        };
+        // Far enough that no parallax is left in f32, near enough that nothing overflows.
+        let far = (tracer.diagonal() * 1e4).max(1.0);
+        Self { tracer, emitters, chains, bright, params, far }
+    }
+
+    /// The tracer.
+    pub fn tracer(&self) -> &'a Tracer<'a> {
+        self.tracer
+    }
+
+    /// The area emitters.
+    pub fn emitters(&self) -> &Emitters {
+        &self.emitters
+    }
+
+    /// The image chains.
+    pub fn chains(&self) -> &ImageChains {
+        &self.chains
+    }
+
+    /// The bright sky.
+    pub fn bright_sky(&self) -> &BrightSky {
+        &self.bright
+    }
+
+    /// The parameters.
+    pub fn params(&self) -> LightParams {
+        self.params
+    }
+
+    /// Distance that stands for infinity.
+    pub(crate) fn far(&self) -> f32 {
+        self.far
+    }
+
+    /// Whether there is any area emitter or bright sky.
+    pub fn has_sources(&self) -> bool {
+        !(self.emitters.is_empty() && self.bright.is_empty())
+    }
+
+    /// Irradiance straight from sources, or through what lets light pass undeviated, by about `samples` shadow rays.
+    pub fn direct(
+        &self,
+        receiver: &Receiver,
+        samples: u32,
+        key: Key,
+        scratch: &mut Scratch,
+    ) -> SourceIrradiance {
+        let image = Unfolded {
+            position: receiver.position.as_dvec3(),
+            normal: receiver.normal.as_dvec3(),
+            geometric: receiver.geometric.as_dvec3(),
+        };
+        self.over(receiver, None, &image, samples, key, scratch)
+    }
+
+    /// Irradiance over all image chains, by about `samples` followed paths per chain that is seen.
+    pub fn mirrored(
+        &self,
+        receiver: &Receiver,
+        samples: u32,
+        key: Key,
+        scratch: &mut Scratch,
+    ) -> SourceIrradiance {
+        let mut sum = SourceIrradiance::default();
+        let (position, normal) = (receiver.position.as_dvec3(), receiver.normal.as_dvec3());
+        for (index, chain) in self.chains.chains().iter().enumerate() {
+            let Some(image) = self.chains.unfold(chain, position, normal, receiver.geometric.as_dvec3())
+            else {
+                continue;
+            };
+            let key = key.child(index as u32 + 1);
+            let part = self.over(receiver, Some(chain), &image, samples, key, scratch);
+            sum.irradiance += part.irradiance;
+            sum.unoccluded += part.unoccluded;
+            sum.partial |= part.partial;
+        }
+        sum
+    }
+
+    /// Irradiance by the broad emitters if nothing blocked them: the control variate of the hemisphere rays, which see
+    /// what does block. Without a coat only: the contour formula knows none.
+    pub fn broad_unoccluded(&self, receiver: &Receiver) -> Rgb {
+        let (position, normal) = (receiver.position.as_dvec3(), receiver.normal.as_dvec3());
+        let geometric = receiver.geometric.as_dvec3();
+        self.emitters
+            .broad()
+            .iter()
+            .filter(|cell| cell.normal.dot(position - cell.point(0.0, 0.0)) > 0.0)
+            .map(|cell| {
+                let above = cell.polygon().clipped(geometric, geometric.dot(position));
+                cell.radiance * contour::irradiance(position, normal, &above) as f32
+            })
+            .sum()
+    }
+
+    fn over(
+        &self,
+        receiver: &Receiver,
+        chain: Option<&ImageChain>,
+        image: &Unfolded,
+        samples: u32,
+        key: Key,
+        scratch: &mut Scratch,
+    ) -> SourceIrradiance {
+        let mut result = SourceIrradiance::default();
+        let mut tally = Tally::default();
+        self.gather_pieces(chain, image, scratch);
+        let pieces = std::mem::take(&mut scratch.pieces);
+        let small = std::mem::take(&mut scratch.small);
+        let whole: f64 =
+            pieces.iter().map(|p| p.weight).sum::<f64>() + small.iter().map(|s| s.1).sum::<f64>();
+        if whole > 0.0 {
+            // Large pieces get strata of their own, small ones share.
+            let share = f64::from(samples) / whole;
+            let mut leftover = 0.0;
+            for (index, piece) in pieces.iter().enumerate() {
+                let expected = piece.weight * share;
+                if expected < 1.5 && pieces.len() + small.len() > 4 {
+                    leftover += piece.weight;
+                    continue;
+                }
+                let count = (expected.round() as u32).clamp(4, samples.max(4)).next_power_of_two();
+                let part = self.piece(
+                    receiver,
+                    chain,
+                    image,
+                    piece,
+                    count,
+                    key.child(index as u32),
+                    scratch,
+                    &mut tally,
+                );
+                result.irradiance += part;
+                result.unoccluded += self.emitters.cells()[piece.cell as usize].radiance * piece.unit as f32;
+            }
+            let total_small: f64 = leftover + small.iter().map(|s| s.1).sum::<f64>();
+            if total_small > 0.0 {
+                let part = self.shared(
+                    receiver,
+                    chain,
+                    image,
+                    (&pieces, &small),
+                    (total_small, share, samples),
+                    key,
+                    scratch,
+                    &mut tally,
+                );
+                result.irradiance += part.irradiance;
+                result.unoccluded += part.unoccluded;
+            }
+        }
+        scratch.pieces = pieces;
+        scratch.small = small;
+        if !self.bright.is_empty() {
+            let part = self.bright_part(receiver, chain, image, samples, key, scratch, &mut tally);
+            result.irradiance += part.irradiance;
+            result.unoccluded += part.unoccluded;
+        }
+        result.partial = tally.seen && tally.missed;
+        result
+    }
+
+    /// The parts of the emitters that the receiver may see, clipped to horizon and windows.
+    fn gather_pieces(&self, chain: Option<&ImageChain>, image: &Unfolded, scratch: &mut Scratch) {
+        scratch.pieces.clear();
+        scratch.small.clear();
+        let (pieces, small) = (&mut scratch.pieces, &mut scratch.small);
+        self.emitters.cut(image.position, image.geometric, |part| match part {
+            Part::Group(group) => {
+                let irradiance = self.emitters.group_irradiance(group, image.position, image.normal);
+                if irradiance.max_element() > 0.0 {
+                    small.push((group, f64::from(irradiance.element_sum())));
+                }
+            }
+            Part::Cell(index) => {
+                let cell = &self.emitters.cells()[index as usize];
+                let mut add = |polygon: Polygon, whole: bool| {
+                    let unit = contour::irradiance(image.position, image.normal, &polygon);
+                    if unit > 0.0 {
+                        let weight = unit * f64::from(cell.radiance.element_sum());
+                        pieces.push(Piece { polygon, cell: index, whole, unit, weight });
+                    }
+                };
+                let outline = cell.polygon();
+                let horizon = outline.clipped(image.geometric, image.geometric.dot(image.position));
+                if horizon.is_empty() {
+                    return;
+                }
+                let uncut = horizon.corners().len() == outline.corners().len();
+                match chain {
+                    None => add(horizon, uncut),
+                    Some(chain) => self.chains.windows(chain, |windows| {
+                        let mut polygon = horizon;
+                        for window in windows {
+                            polygon = polygon.seen_through(image.position, window);
+                            if polygon.is_empty() {
+                                return;
+                            }
+                        }
+                        add(polygon, false);
+                    }),
+                }
+            }
+        });
+    }
+
+    /// Throughput from the receiver to a point of a source.
+    #[inline]
+    fn throughput(
+        &self,
+        receiver: &Receiver,
+        chain: Option<&ImageChain>,
+        light: DVec3,
+        to: PlaneId,
+        distance: f64,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> Rgb {
+        scratch.rays += 1;
+        let share = match chain {
+            None => self.tracer.visibility(receiver.position, receiver.plane, light.as_vec3(), to),
+            Some(chain) => {
+                self.chains.targets(chain, light, &mut scratch.targets);
+                walk::follow(
+                    self.tracer,
+                    receiver.position,
+                    receiver.plane,
+                    &chain.planes,
+                    &scratch.targets,
+                    to,
+                )
+            }
+        };
+        tally.count(share);
+        share * self.tracer.media().transmittance(receiver.media.current(), distance as f32)
+    }
+
+    /// One piece with strata of its own.
+    fn piece(
+        &self,
+        receiver: &Receiver,
+        chain: Option<&ImageChain>,
+        image: &Unfolded,
+        piece: &Piece,
+        count: u32,
+        key: Key,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> Rgb {
+        let cell = &self.emitters.cells()[piece.cell as usize];
+        let mut weights = 0.0_f64;
+        let mut sum = DVec3::ZERO;
+        for index in 0..count {
+            let s = key.point2(index).as_dvec2();
+            let light = if piece.whole { cell.point(s.x, s.y) } else { piece.polygon.point(s.x, s.y) };
+            let offset = light - image.position;
+            let r2 = offset.length_squared();
+            let cos = image.normal.dot(offset);
+            let weight = (cos * -cell.normal.dot(offset)).max(0.0) / (r2 * r2).max(1e-300);
+            if weight <= 0.0 {
+                continue;
+            }
+            weights += weight;
+            let distance = r2.sqrt();
+            let mut share = self.throughput(receiver, chain, light, cell.plane, distance, scratch, tally);
+            if share == Rgb::ZERO {
+                continue;
+            }
+            if cell.textured {
+                share *= cell.radiance_at(self.tracer, light) / cell.radiance.max(Rgb::splat(1e-30));
+            }
+            share *= receiver.coat.transmittance((cos / distance) as f32);
+            sum += share.as_dvec3() * weight;
+        }
+        if weights <= 0.0 {
+            return Rgb::ZERO;
+        }
+        cell.radiance * ((sum / weights) * piece.unit).as_vec3()
+    }
+
+    /// All small pieces and groups together: systematic samples in proportion to their weights.
+    fn shared(
+        &self,
+        receiver: &Receiver,
+        chain: Option<&ImageChain>,
+        image: &Unfolded,
+        (pieces, small): (&[Piece], &[(u32, f64)]),
+        (total, share, samples): (f64, f64, u32),
+        key: Key,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> SourceIrradiance {
+        let mut result = SourceIrradiance::default();
+        let count = ((total * share).ceil() as u32).clamp(4.min(samples.max(1)), samples.max(1));
+        let step = total / f64::from(count);
+        let key = key.child(0xffff);
+        let mut next = f64::from(key.uniform(0)) * step;
+        let mut position = 0.0;
+        let mut drawn = 0;
+        let few = pieces.len() + small.len() <= 4;
+        let candidates = pieces
+            .iter()
+            .enumerate()
+            .filter(|(_, p)| p.weight * share < 1.5 && !few)
+            .map(|(i, p)| (Err(i), p.weight))
+            .chain(small.iter().map(|s| (Ok(s.0), s.1)));
+        for (which, weight) in candidates {
+            let irradiance = match which {
+                Ok(group) => self.emitters.group_irradiance(group, image.position, image.normal),
+                Err(piece) => {
+                    let piece: &Piece = &pieces[piece];
+                    self.emitters.cells()[piece.cell as usize].radiance * piece.unit as f32
+                }
+            };
+            result.unoccluded += irradiance;
+            while next < position + weight && drawn < count {
+                let inner = ((next - position) / weight).clamp(0.0, 1.0 - 1e-12);
+                let other = f64::from(key.point1(drawn + 1));
+                let (cell, light) = match which {
+                    Ok(group) => {
+                        let (index, rest) = self.emitters.choose_cell(group, inner);
+                        let cell = &self.emitters.cells()[index as usize];
+                        (cell, cell.point(rest, other))
+                    }
+                    Err(piece) => {
+                        let piece = &pieces[piece];
+                        (&self.emitters.cells()[piece.cell as usize], piece.polygon.point(inner, other))
+                    }
+                };
+                let offset = light - image.position;
+                let distance = offset.length();
+                let cos = (image.normal.dot(offset) / distance) as f32;
+                let seen = self.throughput(receiver, chain, light, cell.plane, distance, scratch, tally);
+                // Each sample stands for an equal share of the weight.
+                let each = irradiance * (step / weight) as f32;
+                result.irradiance += each * seen * receiver.coat.transmittance(cos);
+                next += step;
+                drawn += 1;
+            }
+            position += weight;
+        }
+        result
+    }
+
+    /// Bright texels of the sky, by systematic samples in proportion to what they send.
+    fn bright_part(
+        &self,
+        receiver: &Receiver,
+        chain: Option<&ImageChain>,
+        image: &Unfolded,
+        samples: u32,
+        key: Key,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> SourceIrradiance {
+        let mut result = SourceIrradiance::default();
+        let Some(Sky::Image(map)) = self.tracer.scene().sky() else { return result };
+        let mut texels = std::mem::take(&mut scratch.texels);
+        texels.clear();
+        let mut total = 0.0_f64;
+        for (index, texel) in self.bright.texels().iter().enumerate() {
+            let direction = texel.direction.as_dvec3();
+            let cos = image.normal.dot(direction);
+            if cos > 0.0 && image.geometric.dot(direction) > 0.0 {
+                let weight = texel.power.element_sum() * cos as f32;
+                total += f64::from(weight);
+                texels.push((index as u32, weight));
+                result.unoccluded += texel.power * cos as f32;
+            }
+        }
+        let count = samples.max(1);
+        let step = total / f64::from(count);
+        let key = key.child(0xfffe);
+        let mut next = f64::from(key.uniform(0)) * step;
+        let mut position = 0.0;
+        let mut drawn = 0;
+        for &(index, weight) in &texels {
+            let weight = f64::from(weight);
+            let texel = &self.bright.texels()[index as usize];
+            while next < position + weight && drawn < count {
+                let jitter = key.point2(drawn + 1);
+                let direction = self.bright.direction_in(map, texel, jitter.x, jitter.y);
+                let cos = image.normal.dot(direction.as_dvec3()).max(0.0);
+                let light = image.position + direction.as_dvec3() * f64::from(self.far);
+                let seen = self.throughput(receiver, chain, light, PlaneId::NONE, 0.0, scratch, tally);
+                let center_cos = image.normal.dot(texel.direction.as_dvec3());
+                let each = texel.power * (center_cos * step / weight) as f32;
+                let tilt = (cos / center_cos) as f32;
+                result.irradiance += each * tilt * seen * receiver.coat.transmittance(cos as f32);
+                next += step;
+                drawn += 1;
+            }
+            position += weight;
+        }
+        scratch.texels = texels;
+        result
+    }
+}
+
+/// Whether some samples were seen and some not.
+#[derive(Clone, Copy, Debug, Default)]
+struct Tally {
+    seen: bool,
+    missed: bool,
+}
+
+impl Tally {
+    #[inline]
+    fn count(&mut self, share: Rgb) {
+        if share == Rgb::ZERO {
+            self.missed = true;
+        } else {
+            self.seen = true;
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! Who owns a light path: one function of its event chain, used by all passes (DESIGN §3).
+
+use catoptric_scene::{Sky, TriangleId};
+use catoptric_trace::Chain;
+use glam::Vec3;
+
+use crate::irradiance::Lights;
+
+/// Heckbert class of the events between a source and a diffuse receiver.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PathClass {
+    /// None, or only undeviated ones.
+    Direct,
+    /// Also planar reflections.
+    Mirrored,
+    /// Any curved or refracting event.
+    Caustic,
+}
+
+impl PathClass {
+    /// The class of a chain.
+    #[inline]
+    pub fn of(chain: &Chain) -> Self {
+        if chain.is_curved() {
+            PathClass::Caustic
+        } else if chain.planar_count() > 0 {
+            PathClass::Mirrored
+        } else {
+            PathClass::Direct
+        }
+    }
+}
+
+/// Which computation accounts for a path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Owner {
+    /// Emitter cells with shadow rays.
+    EmitterCells,
+    /// Emitter cells through an image chain of the list.
+    ImageChain,
+    /// Light-side rays.
+    LightRays,
+    /// Hemisphere rays: whatever nobody else takes.
+    Hemisphere,
+}
+
+/// What a path starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// A lamp, or a bright part of the sky: small in the view of most receivers.
+    Concentrated,
+    /// A whole glowing wall, or the dim sky: hemisphere rays find it.
+    Broad,
+}
+
+impl Lights<'_> {
+    /// The owner of a path from `source` whose events are `chain`. Every path has exactly one.
+    #[inline]
+    pub fn owner(&self, source: Source, chain: &Chain) -> Owner {
+        if source == Source::Broad {
+            return Owner::Hemisphere;
+        }
+        match PathClass::of(chain) {
+            PathClass::Direct => Owner::EmitterCells,
+            PathClass::Mirrored => match chain.planes() {
+                Some(planes) if self.chains().contains(planes) => Owner::ImageChain,
+                _ => Owner::Hemisphere,
+            },
+            PathClass::Caustic if self.params().light_rays => Owner::LightRays,
+            PathClass::Caustic => Owner::Hemisphere,
+        }
+    }
+
+    /// What a hit emitter counts as.
+    #[inline]
+    pub fn source_at(&self, triangle: TriangleId) -> Source {
+        if self.emitters().is_broad(triangle) { Source::Broad } else { Source::Concentrated }
+    }
+
+    /// What the sky in a direction counts as.
+    #[inline]
+    pub fn sky_source(&self, sky: &Sky, direction: Vec3) -> Source {
+        if self.bright_sky().holds(sky, direction) { Source::Concentrated } else { Source::Broad }
+    }
+}

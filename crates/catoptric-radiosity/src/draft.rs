@@ -1,0 +1,501 @@
+//! The display mesh while it is refined: red triangles in a hierarchy, closed by green ones only when it is read.
+//!
+//! Red–green refinement (Bank, Sherman & Weiser 1983): a triangle with two or three marked edges is split into four,
+//! one with a single marked edge is halved, and halves are forgotten before the next round, so that shapes never
+//! degenerate and the mesh has no T-vertices.
+
+use std::collections::{BTreeMap, HashMap};
+
+use glam::Vec3;
+
+use catoptric_light::Receiver;
+use catoptric_scene::{Barycentric, TriangleId};
+use catoptric_solution::{DisplayMesh, DisplayVertex, Element, Face, FaceId};
+use catoptric_trace::interaction::Coat;
+use catoptric_trace::plane::bounds_of;
+use catoptric_trace::{MediumStack, Tracer};
+
+use crate::contact::Obstacles;
+use crate::face::{FaceDraft, faces};
+use crate::triangulate::triangulate;
+
+/// A vertex under refinement.
+#[derive(Clone, Copy, Debug)]
+pub struct DraftVertex {
+    /// Where it is shown.
+    pub position: Vec3,
+    /// Where its irradiance is gathered: drawn a little inside its element where the mesh ends.
+    pub sample: Vec3,
+    /// Unit shading normal on its side.
+    pub normal: Vec3,
+    /// Its face.
+    pub face: u32,
+    /// A triangle of the scene that it lies on.
+    pub triangle: TriangleId,
+    /// The ends of the edge that it halves.
+    pub parents: Option<[u32; 2]>,
+}
+
+/// A red triangle that is not split.
+#[derive(Clone, Copy, Debug)]
+pub struct Leaf {
+    /// Its corners.
+    pub vertices: [u32; 3],
+    /// Its face.
+    pub face: u32,
+    /// The base triangle that it is a part of.
+    pub root: u32,
+    /// Times split.
+    pub level: u8,
+}
+
+/// The mesh.
+#[derive(Clone, Debug, Default)]
+pub struct Draft {
+    /// Faces.
+    pub faces: Vec<FaceDraft>,
+    /// Vertices; parents stand before their children.
+    pub vertices: Vec<DraftVertex>,
+    /// Unsplit triangles, grouped by face.
+    pub leaves: Vec<Leaf>,
+    /// Number of base triangles.
+    pub roots: usize,
+    /// Face of each base triangle.
+    pub face_of_root: Vec<u32>,
+    /// Corners of each base triangle.
+    pub base: Vec<[u32; 3]>,
+    midpoints: HashMap<(u32, u32), u32>,
+    marked: std::collections::HashSet<(u32, u32)>,
+}
+
+/// A draft as both passes read it.
+#[derive(Clone, Debug)]
+pub struct Displayed {
+    /// The mesh.
+    pub mesh: DisplayMesh,
+    /// Draft vertex of each mesh vertex.
+    pub origin: Vec<u32>,
+    /// Base triangle of each element.
+    pub roots: Vec<u32>,
+}
+
+/// Share of the way to the element's centre by which gathering points of border vertices are drawn inside: above f32
+/// rounding at any scale, below what a pixel shows.
+const INSET: f32 = 0.01;
+
+/// Key of an edge.
+#[inline]
+fn edge(a: u32, b: u32) -> (u32, u32) {
+    (a.min(b), a.max(b))
+}
+
+impl Draft {
+    /// Cuts the diffuse sides of the scene into triangles with edges about `spacing` long, metres.
+    pub fn new(tracer: &Tracer, spacing: f32) -> Self {
+        let scene = tracer.scene();
+        let mut draft = Self { faces: faces(tracer), ..Self::default() };
+        let (center, diagonal) = bounds_of(scene);
+        let obstacles = Obstacles::new(scene, center, diagonal);
+        let tolerance = obstacles.tolerance();
+
+        let drafts = std::mem::take(&mut draft.faces);
+        let flat_meshes: Vec<_> = {
+            use rayon::prelude::*;
+            drafts
+                .par_iter()
+                .map(|face| {
+                    if face.curved {
+                        return None;
+                    }
+                    let triangles: Vec<_> = face
+                        .triangles
+                        .iter()
+                        .map(|&t| scene.corners(t).map(|c| face.frame.flat(c.as_dvec3())))
+                        .collect();
+                    let contacts = obstacles.segments(scene, face);
+                    Some(triangulate(&triangles, &contacts, f64::from(spacing), tolerance))
+                })
+                .collect()
+        };
+        draft.faces = drafts;
+        let mut welded: BTreeMap<[u32; 7], u32> = BTreeMap::new();
+        for index in 0..draft.faces.len() {
+            match &flat_meshes[index] {
+                Some(mesh) => draft.push_flat(tracer, index, mesh),
+                None => draft.push_curved(tracer, index, &mut welded),
+            }
+        }
+        draft.inset_borders();
+        // Long edges of curved meshes are halved until they fit.
+        for _ in 0..4 {
+            let marks: Vec<(u32, u32)> = draft
+                .edges()
+                .into_iter()
+                .filter(|&(a, b)| {
+                    let [p, q] = [a, b].map(|v| draft.vertices[v as usize].position);
+                    (q - p).length() > 1.6 * spacing
+                })
+                .collect();
+            if marks.is_empty() {
+                break;
+            }
+            draft.split(tracer, &marks);
+        }
+        // What has been made so far is the base.
+        for (root, leaf) in draft.leaves.iter_mut().enumerate() {
+            leaf.root = root as u32;
+            leaf.level = 0;
+        }
+        draft.roots = draft.leaves.len();
+        draft.face_of_root = draft.leaves.iter().map(|l| l.face).collect();
+        draft.base = draft.leaves.iter().map(|l| l.vertices).collect();
+        draft
+    }
+
+    fn push_flat(&mut self, tracer: &Tracer, face: usize, mesh: &crate::triangulate::FlatMesh) {
+        let first = self.vertices.len() as u32;
+        let draft = &self.faces[face];
+        let normal = draft.side.orient(draft.frame.normal.as_vec3());
+        let mut vertices = Vec::with_capacity(mesh.points.len());
+        for &point in &mesh.points {
+            let position = draft.frame.lift(point).as_vec3();
+            vertices.push(DraftVertex {
+                position,
+                sample: position,
+                normal,
+                face: face as u32,
+                triangle: draft.triangle_at(tracer, position),
+                parents: None,
+            });
+        }
+        for triangle in &mesh.triangles {
+            let root = self.leaves.len() as u32;
+            let [a, b, c] = triangle.map(|v| v + first);
+            self.leaves.push(Leaf { vertices: [a, b, c], face: face as u32, root, level: 0 });
+        }
+        self.vertices.extend(vertices);
+    }
+
+    fn push_curved(&mut self, tracer: &Tracer, face: usize, welded: &mut BTreeMap<[u32; 7], u32>) {
+        let scene = tracer.scene();
+        let draft = &self.faces[face];
+        let (id, side) = (draft.triangles[0], draft.side);
+        let surface = scene.triangles()[id.index()].surface.0;
+        let corners = scene.corners(id);
+        let at = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)];
+        let vertices: [u32; 3] = std::array::from_fn(|k| {
+            let normal = side.orient(scene.shading_normal(id, Barycentric { u: at[k].0, v: at[k].1 }));
+            let p = corners[k];
+            // Adding zero turns −0 into +0.
+            let bits = |v: f32| (v + 0.0).to_bits();
+            let rounded = |v: f32| ((v * 4096.0).round() + 0.0).to_bits();
+            let kind = surface << 1 | side as u32;
+            let key = [
+                bits(p.x),
+                bits(p.y),
+                bits(p.z),
+                rounded(normal.x),
+                rounded(normal.y),
+                rounded(normal.z),
+                kind,
+            ];
+            *welded.entry(key).or_insert_with(|| {
+                let center = (corners[0] + corners[1] + corners[2]) / 3.0;
+                self.vertices.push(DraftVertex {
+                    position: p,
+                    sample: p.lerp(center, INSET),
+                    normal,
+                    face: face as u32,
+                    triangle: id,
+                    parents: None,
+                });
+                self.vertices.len() as u32 - 1
+            })
+        });
+        let root = self.leaves.len() as u32;
+        self.leaves.push(Leaf { vertices, face: face as u32, root, level: 0 });
+    }
+
+    /// Draws the gathering points of flat border vertices inside.
+    fn inset_borders(&mut self) {
+        let mut count: HashMap<(u32, u32), u32> = HashMap::new();
+        for leaf in &self.leaves {
+            for k in 0..3 {
+                *count.entry(edge(leaf.vertices[k], leaf.vertices[(k + 1) % 3])).or_default() += 1;
+            }
+        }
+        let mut border = vec![false; self.vertices.len()];
+        for leaf in &self.leaves {
+            for k in 0..3 {
+                let (a, b) = (leaf.vertices[k], leaf.vertices[(k + 1) % 3]);
+                if count[&edge(a, b)] == 1 {
+                    border[a as usize] = true;
+                    border[b as usize] = true;
+                }
+            }
+        }
+        let mut centers = vec![(Vec3::ZERO, 0.0_f32); self.vertices.len()];
+        for leaf in &self.leaves {
+            let center = self.center(leaf);
+            for &v in &leaf.vertices {
+                centers[v as usize].0 += center;
+                centers[v as usize].1 += 1.0;
+            }
+        }
+        for (index, vertex) in self.vertices.iter_mut().enumerate() {
+            let (sum, n) = centers[index];
+            if border[index] && n > 0.0 && !self.faces[vertex.face as usize].curved {
+                vertex.sample = vertex.position.lerp(sum / n, INSET);
+            }
+        }
+    }
+
+    /// Centre of a triangle.
+    pub fn center(&self, leaf: &Leaf) -> Vec3 {
+        leaf.vertices.iter().map(|&v| self.vertices[v as usize].position).sum::<Vec3>() / 3.0
+    }
+
+    /// Area of a triangle, m².
+    pub fn area(&self, leaf: &Leaf) -> f32 {
+        let [a, b, c] = leaf.vertices.map(|v| self.vertices[v as usize].position);
+        0.5 * (b - a).cross(c - a).length()
+    }
+
+    /// All edges of the leaves, ascending, each once.
+    pub fn edges(&self) -> Vec<(u32, u32)> {
+        let mut edges: Vec<(u32, u32)> = self
+            .leaves
+            .iter()
+            .flat_map(|l| (0..3).map(|k| edge(l.vertices[k], l.vertices[(k + 1) % 3])))
+            .collect();
+        edges.sort_unstable();
+        edges.dedup();
+        edges
+    }
+
+    /// The vertex that halves an edge, made if it does not exist.
+    pub fn midpoint(&mut self, tracer: &Tracer, a: u32, b: u32) -> u32 {
+        if let Some(&known) = self.midpoints.get(&edge(a, b)) {
+            return known;
+        }
+        let (a, b) = edge(a, b);
+        let (p, q) = (self.vertices[a as usize], self.vertices[b as usize]);
+        let position = (p.position + q.position) * 0.5;
+        let face = &self.faces[p.face.min(q.face) as usize];
+        let (triangle, normal) = if face.curved {
+            (face.triangles[0], (p.normal + q.normal).try_normalize().unwrap_or(p.normal))
+        } else {
+            (face.triangle_at(tracer, position), p.normal)
+        };
+        // Insets are inherited: the mean of the parents' gathering points lies inside where they do.
+        let sample = (p.sample + q.sample) * 0.5;
+        let index = self.vertices.len() as u32;
+        self.vertices.push(DraftVertex {
+            position,
+            sample,
+            normal,
+            face: p.face.min(q.face),
+            triangle,
+            parents: Some([a, b]),
+        });
+        self.midpoints.insert((a, b), index);
+        index
+    }
+
+    /// The midpoint of an edge if it exists.
+    pub fn known_midpoint(&self, a: u32, b: u32) -> Option<u32> {
+        self.midpoints.get(&edge(a, b)).copied()
+    }
+
+    /// Marks edges for splitting and splits triangles until the rest can be closed by halving: a triangle with two
+    /// or three marked edges is split into four, and so is one whose marked edge is split twice.
+    /// Returns the range of vertices that were made.
+    pub fn split(&mut self, tracer: &Tracer, marks: &[(u32, u32)]) -> std::ops::Range<u32> {
+        let before = self.vertices.len() as u32;
+        for &(a, b) in marks {
+            self.midpoint(tracer, a, b);
+            self.marked.insert(edge(a, b));
+        }
+        loop {
+            let mut done = true;
+            let mut leaves = Vec::with_capacity(self.leaves.len() * 2);
+            for leaf in std::mem::take(&mut self.leaves) {
+                let [a, b, c] = leaf.vertices;
+                let edges = [(a, b), (b, c), (c, a)];
+                let count = edges.iter().filter(|&&(p, q)| self.marked.contains(&edge(p, q))).count();
+                let twice = edges.iter().any(|&(p, q)| self.is_split_twice(p, q));
+                if count < 2 && !twice {
+                    leaves.push(leaf);
+                    continue;
+                }
+                done = false;
+                let [ab, bc, ca] = edges.map(|(p, q)| {
+                    self.marked.insert(edge(p, q));
+                    self.midpoint(tracer, p, q)
+                });
+                for vertices in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
+                    leaves.push(Leaf { vertices, level: leaf.level + 1, ..leaf });
+                }
+            }
+            self.leaves = leaves;
+            if done {
+                return before..self.vertices.len() as u32;
+            }
+        }
+    }
+
+    /// Whether an edge is marked and one of its halves is, too.
+    fn is_split_twice(&self, a: u32, b: u32) -> bool {
+        if !self.marked.contains(&edge(a, b)) {
+            return false;
+        }
+        self.midpoints
+            .get(&edge(a, b))
+            .is_some_and(|&m| self.marked.contains(&edge(a, m)) || self.marked.contains(&edge(m, b)))
+    }
+
+    /// Number of vertices that are corners of leaves.
+    pub fn active_vertices(&self) -> usize {
+        let mut used = vec![false; self.vertices.len()];
+        for leaf in &self.leaves {
+            for &v in &leaf.vertices {
+                used[v as usize] = true;
+            }
+        }
+        used.iter().filter(|u| **u).count()
+    }
+
+    /// The conforming triangles of a leaf: itself, or two halves.
+    pub fn closed(&self, leaf: &Leaf, mut visit: impl FnMut([u32; 3])) {
+        let [a, b, c] = leaf.vertices;
+        for (p, q, opposite) in [(a, b, c), (b, c, a), (c, a, b)] {
+            if self.marked.contains(&edge(p, q))
+                && let Some(m) = self.known_midpoint(p, q)
+            {
+                visit([p, m, opposite]);
+                visit([m, q, opposite]);
+                return;
+            }
+        }
+        visit(leaf.vertices);
+    }
+
+    /// Where a vertex receives light.
+    pub fn receiver(&self, tracer: &Tracer, vertex: u32) -> Receiver {
+        let v = &self.vertices[vertex as usize];
+        let face = &self.faces[v.face as usize];
+        self.receiver_at(tracer, face, v.sample, v.normal, v.triangle)
+    }
+
+    /// A receiver at a point of a face.
+    pub fn receiver_at(
+        &self,
+        tracer: &Tracer,
+        face: &FaceDraft,
+        position: Vec3,
+        normal: Vec3,
+        triangle: TriangleId,
+    ) -> Receiver {
+        let coat = if tracer.is_lambertian(triangle) {
+            Coat::NONE
+        } else {
+            let at = barycentric(tracer, triangle, position);
+            let point = tracer.scene().surface_point(triangle, at);
+            tracer.diffuse_side(triangle, &point, face.side).map_or(Coat::NONE, |d| d.coat)
+        };
+        Receiver {
+            position,
+            plane: tracer.planes().of(triangle),
+            normal,
+            geometric: face.side.orient(tracer.scene().geometric_normal(triangle)),
+            coat,
+            media: MediumStack::inside(face.medium),
+        }
+    }
+
+    /// The mesh as both passes read it, with the draft's index of each kept vertex and the base triangle of each element.
+    pub fn display(&self, tracer: &Tracer) -> Displayed {
+        let mut by_face: Vec<Vec<u32>> = vec![Vec::new(); self.faces.len()];
+        for (index, leaf) in self.leaves.iter().enumerate() {
+            by_face[leaf.face as usize].push(index as u32);
+        }
+        let mut kept = vec![u32::MAX; self.vertices.len()];
+        let mut origin = Vec::new();
+        let mut roots = Vec::new();
+        let mut vertices = Vec::new();
+        let mut elements = Vec::new();
+        let mut faces = Vec::new();
+        let mut face_of = [
+            vec![FaceId::NONE; tracer.scene().triangles().len()],
+            vec![FaceId::NONE; tracer.scene().triangles().len()],
+        ];
+        for (index, face) in self.faces.iter().enumerate() {
+            let start = elements.len() as u32;
+            for &leaf in &by_face[index] {
+                self.closed(&self.leaves[leaf as usize], |corners| {
+                    let own = corners.map(|v| {
+                        if kept[v as usize] == u32::MAX {
+                            kept[v as usize] = vertices.len() as u32;
+                            origin.push(v);
+                            let vertex = &self.vertices[v as usize];
+                            vertices.push(DisplayVertex {
+                                position: vertex.position,
+                                normal: vertex.normal,
+                                triangle: vertex.triangle,
+                                side: face.side,
+                            });
+                        }
+                        kept[v as usize]
+                    });
+                    elements.push(Element { vertices: own });
+                    roots.push(self.leaves[leaf as usize].root);
+                });
+            }
+            for &triangle in &face.triangles {
+                face_of[face.side.index()][triangle.index()] = FaceId(index as u32);
+            }
+            faces.push(Face {
+                elements: start..elements.len() as u32,
+                origin: face.frame.origin.as_vec3(),
+                axes: face.frame.axes.map(|a| a.as_vec3()),
+                medium: face.medium.0,
+            });
+        }
+        Displayed { mesh: DisplayMesh::new(vertices, elements, faces, face_of), origin, roots }
+    }
+}
+
+/// Barycentric coordinates of a point of a triangle.
+pub fn barycentric(tracer: &Tracer, triangle: TriangleId, position: Vec3) -> Barycentric {
+    let [a, b, c] = tracer.scene().corners(triangle).map(|p| p.as_dvec3());
+    let (e, f, p) = (b - a, c - a, position.as_dvec3() - a);
+    let n = e.cross(f);
+    let d = n.length_squared().max(f64::MIN_POSITIVE);
+    let u = (p.cross(f).dot(n) / d).clamp(0.0, 1.0);
+    let v = (e.cross(p).dot(n) / d).clamp(0.0, 1.0 - u);
+    Barycentric { u: u as f32, v: v as f32 }
+}
+
+impl FaceDraft {
+    /// The triangle of the face that holds a point best.
+    pub fn triangle_at(&self, tracer: &Tracer, position: Vec3) -> TriangleId {
+        if self.triangles.len() == 1 {
+            return self.triangles[0];
+        }
+        let p = self.frame.flat(position.as_dvec3());
+        let mut best = (f64::NEG_INFINITY, self.triangles[0]);
+        for &id in &self.triangles {
+            let [a, b, c] = tracer.scene().corners(id).map(|q| self.frame.flat(q.as_dvec3()));
+            let area = (b - a).perp_dot(c - a);
+            let depths = [(a, b), (b, c), (c, a)].map(|(q, r)| (r - q).perp_dot(p - q) / area);
+            let depth = depths[0].min(depths[1]).min(depths[2]);
+            if depth >= 0.0 {
+                return id;
+            }
+            if depth > best.0 {
+                best = (depth, id);
+            }
+        }
+        best.1
+    }
+}

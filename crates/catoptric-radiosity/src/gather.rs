@@ -1,0 +1,176 @@
+//! The final gather: irradiance at a point by hemisphere rays that follow S* chains, and what they saw on the way.
+//!
+//! Malley's mapping of a scrambled (0,2)-sequence: each ray carries π/N of the incoming radiance.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
+use catoptric_light::{Lights, Owner, PathClass, Receiver};
+use catoptric_scene::{Rgb, Side, TriangleId};
+use catoptric_solution::DisplayMesh;
+use catoptric_trace::sequence::{Key, cosine_hemisphere, frame};
+use catoptric_trace::walk::{self, Arrival, End, WalkParams};
+use catoptric_trace::{Chain, Ledger, MediumId, MediumStack, Ray, Tracer};
+
+/// Irradiance that hemisphere rays found, by the class of the path from its source.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Gathered {
+    /// The dim sky seen straight.
+    pub direct: Rgb,
+    /// Sources over planar mirrors that are on no list.
+    pub mirrored: Rgb,
+    /// Sources over curved or refracting surfaces, where no light-side pass owns them.
+    pub caustic: Rgb,
+    /// Light from other diffuse surfaces.
+    pub indirect: Rgb,
+    /// Harmonic mean distance of what is seen first, metres (infinite if nothing is).
+    pub distance: f32,
+    /// Share of rays that met the black back of a surface first: near 1 inside of solids.
+    pub backs: f32,
+    /// Where the power went, if the rays were sent from here.
+    pub ledger: Ledger,
+}
+
+/// Diffuse light of the scene as gathers see it: irradiance at the vertices of a display mesh.
+pub struct DiffuseLight<'a> {
+    /// The mesh.
+    pub mesh: &'a DisplayMesh,
+    /// Irradiance per vertex: sources and the coarse solution.
+    pub irradiance: &'a [Rgb],
+}
+
+impl DiffuseLight<'_> {
+    /// Irradiance on a side of a triangle.
+    #[inline]
+    pub fn at(&self, triangle: TriangleId, side: Side, position: Vec3) -> Option<Rgb> {
+        let located = self.mesh.locate(triangle, side, position)?;
+        let [a, b, c] = located.vertices.map(|v| self.irradiance[v as usize]);
+        Some(a * located.weights[0] + b * located.weights[1] + c * located.weights[2])
+    }
+
+    /// Radiosity / π that a surface sends back to the ray that arrives: ρ·H on its side, τ·H of the other, and the medium.
+    #[inline]
+    pub fn radiance(&self, arrival: &Arrival) -> Rgb {
+        let interaction = arrival.interaction;
+        let (triangle, side) = (arrival.hit.triangle, interaction.side);
+        let mut radiosity = Rgb::ZERO;
+        if interaction.reflectance.max_element() > 0.0
+            && let Some(h) = self.at(triangle, side, arrival.position)
+        {
+            radiosity += h * interaction.reflectance;
+        }
+        if interaction.transmittance.max_element() > 0.0
+            && let Some(h) = self.at(triangle, side.opposite(), arrival.position)
+        {
+            radiosity += h * interaction.transmittance;
+        }
+        radiosity * (interaction.receives / PI)
+    }
+}
+
+/// (n_here / n_there)²: radiance grows where light enters a denser medium.
+#[inline]
+pub fn radiance_scale(tracer: &Tracer, here: MediumStack, there: MediumId) -> f32 {
+    if here.current() == there {
+        return 1.0;
+    }
+    let ratio = tracer.media().ior(here.current()) / tracer.media().ior(there);
+    ratio * ratio
+}
+
+/// Gathers at a receiver with `rays` hemisphere rays.
+pub fn gather(
+    lights: &Lights,
+    light: &DiffuseLight,
+    receiver: &Receiver,
+    rays: u32,
+    key: Key,
+    params: &WalkParams,
+) -> Gathered {
+    let tracer = lights.tracer();
+    let mut result = Gathered::default();
+    let mut ledger = Ledger::default();
+    let (tangent, bitangent) = frame(receiver.normal);
+    let mut inverse_distance = 0.0_f32;
+    let mut backs = 0;
+    let coated = !receiver.coat.is_none();
+    // Broad emitters: their unoccluded irradiance is exact, rays add what is blocked or reflected.
+    let controlled = !coated && receiver.media == MediumStack::AIR && !lights.emitters().broad().is_empty();
+    for index in 0..rays {
+        let local = cosine_hemisphere(key.point2(index));
+        let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
+        if direction.dot(receiver.geometric) <= 0.0 {
+            // Below the surface itself: nothing arrives.
+            ledger.absorbed += Rgb::ONE.as_dvec3();
+            continue;
+        }
+        let weight = if coated { receiver.coat.transmittance(local.z) } else { 1.0 };
+        if controlled {
+            result.direct -=
+                lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
+        }
+        let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
+        let mut first = true;
+        let end = walk::choose(
+            tracer,
+            ray,
+            receiver.media,
+            Rgb::splat(weight),
+            key.child(index),
+            params,
+            &mut ledger,
+            |arrival| {
+                if first {
+                    first = false;
+                    inverse_distance += 1.0 / arrival.distance.max(1e-6);
+                }
+                let scale = radiance_scale(tracer, receiver.media, arrival.media.current());
+                result.indirect += arrival.throughput * light.radiance(arrival) * scale;
+                let emission = arrival.interaction.emission.0;
+                if emission.max_element() > 0.0
+                    && lights.owner(lights.source_at(arrival.hit.triangle), arrival.chain)
+                        == Owner::Hemisphere
+                {
+                    *result.class(arrival.chain) += arrival.throughput * emission * scale;
+                }
+            },
+        );
+        match end {
+            End::Escaped { direction, throughput, chain, media } => {
+                if let Some(sky) = tracer.scene().sky()
+                    && lights.owner(lights.sky_source(sky, direction), &chain) == Owner::Hemisphere
+                {
+                    let scale = radiance_scale(tracer, receiver.media, media.current());
+                    *result.class(&chain) += throughput * sky.radiance(direction).0 * scale;
+                }
+            }
+            End::Inside if first => {
+                backs += 1;
+            }
+            End::Inside => {}
+        }
+    }
+    let each = PI / rays.max(1) as f32;
+    for sum in [&mut result.direct, &mut result.mirrored, &mut result.caustic, &mut result.indirect] {
+        *sum *= each;
+    }
+    if controlled {
+        result.direct += lights.broad_unoccluded(receiver);
+    }
+    result.distance = if inverse_distance > 0.0 { rays as f32 / inverse_distance } else { f32::INFINITY };
+    result.ledger = ledger;
+    result.backs = backs as f32 / rays.max(1) as f32;
+    result
+}
+
+impl Gathered {
+    #[inline]
+    fn class(&mut self, chain: &Chain) -> &mut Rgb {
+        match PathClass::of(chain) {
+            PathClass::Direct => &mut self.direct,
+            PathClass::Mirrored => &mut self.mirrored,
+            PathClass::Caustic => &mut self.caustic,
+        }
+    }
+}

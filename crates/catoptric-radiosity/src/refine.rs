@@ -1,0 +1,126 @@
+//! Refinement of the display mesh: edges are split where the middle is not what its ends foretell.
+
+use catoptric_scene::{Cancelled, Progress, Rgb};
+use catoptric_trace::Tracer;
+
+use crate::draft::Draft;
+
+/// When an edge is fine enough.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RefineParams {
+    /// Difference between the middle and the mean of the ends, relative to the light there, that is left alone.
+    pub tolerance: f32,
+    /// Light below this share of the mean counts as this much: the eye does not see errors in the dark.
+    pub floor: f32,
+    /// Rounds: each halves edges.
+    pub rounds: u32,
+    /// Vertices at most.
+    pub max_vertices: usize,
+    /// Edges shorter than this are left alone, metres.
+    pub min_edge: f32,
+}
+
+/// One quantity that is refined: its values at the draft's vertices, computed on demand.
+pub trait Field: Sync {
+    /// Value at a vertex.
+    fn evaluate(&self, draft: &Draft, vertex: u32) -> Rgb;
+}
+
+/// Values of all vertices made so far.
+pub struct Values {
+    /// Per draft vertex.
+    pub values: Vec<Rgb>,
+}
+
+impl Values {
+    /// Evaluates the vertices from `self.values.len()` on.
+    pub fn extend(
+        &mut self,
+        draft: &Draft,
+        field: &dyn Field,
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
+        use rayon::prelude::*;
+        let first = self.values.len() as u32;
+        let fresh: Vec<Rgb> = (first..draft.vertices.len() as u32)
+            .into_par_iter()
+            .with_min_len(16)
+            .map(|vertex| if progress.is_cancelled() { Rgb::ZERO } else { field.evaluate(draft, vertex) })
+            .collect();
+        if progress.is_cancelled() {
+            return Err(Cancelled);
+        }
+        progress.advance(fresh.len() as u64);
+        self.values.extend(fresh);
+        Ok(())
+    }
+}
+
+/// Splits edges until the field is as good as `params` asks for.
+pub fn refine(
+    tracer: &Tracer,
+    draft: &mut Draft,
+    field: &dyn Field,
+    values: &mut Values,
+    params: &RefineParams,
+    progress: &dyn Progress,
+) -> Result<(), Cancelled> {
+    values.extend(draft, field, progress)?;
+    let mut candidates = draft.edges();
+    for _ in 0..params.rounds {
+        // What is the scale of this light? The area-weighted mean of the vertices so far.
+        let floor = params.floor * mean(draft, &values.values);
+        if floor <= 0.0 {
+            return Ok(());
+        }
+        candidates.retain(|&(a, b)| {
+            let [p, q] = [a, b].map(|v| draft.vertices[v as usize].position);
+            (q - p).length() > params.min_edge
+        });
+        // Both ends dark and the whole face dark: still look, a light patch may lie between.
+        for &(a, b) in &candidates {
+            draft.midpoint(tracer, a, b);
+        }
+        values.extend(draft, field, progress)?;
+        let mut marks: Vec<(f32, (u32, u32))> = candidates
+            .iter()
+            .filter_map(|&(a, b)| {
+                let middle = values.values[draft.known_midpoint(a, b)? as usize];
+                let [p, q] = [a, b].map(|v| values.values[v as usize]);
+                let error = (middle - (p + q) * 0.5).abs();
+                let light = (middle + p + q) / 3.0 + Rgb::splat(floor);
+                let relative = (error / light).max_element();
+                let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
+                (relative > params.tolerance).then_some((relative * (y - x).length(), (a, b)))
+            })
+            .collect();
+        // The worst first, as far as the budget goes: each split edge makes about two and a half vertices.
+        marks.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
+        let active = draft.active_vertices();
+        let room = params.max_vertices.saturating_sub(active);
+        marks.truncate(room);
+        if marks.is_empty() {
+            return Ok(());
+        }
+        let known = draft.edges();
+        let marks: Vec<(u32, u32)> = marks.into_iter().map(|m| m.1).collect();
+        draft.split(tracer, &marks);
+        values.extend(draft, field, progress)?;
+        // Only new edges are looked at in the next round.
+        candidates = draft.edges();
+        candidates.retain(|e| known.binary_search(e).is_err());
+    }
+    Ok(())
+}
+
+/// Area-weighted mean of the largest channel.
+pub fn mean(draft: &Draft, values: &[Rgb]) -> f32 {
+    let (mut sum, mut area) = (0.0_f64, 0.0_f64);
+    for leaf in &draft.leaves {
+        let a = f64::from(draft.area(leaf));
+        let value: f32 = leaf.vertices.iter().map(|&v| values[v as usize].max_element()).sum::<f32>() / 3.0;
+        sum += a * f64::from(value);
+        area += a;
+    }
+    if area > 0.0 { (sum / area) as f32 } else { 0.0 }
+}

@@ -1,0 +1,79 @@
+//! The default solver of the two-pass program: Gauss–Seidel on the irradiance that patches send each other.
+//!
+//! H_i = f_i + Σ_j F_ij·B_j with B_j = ρ_j·(S_j + H_j) + τ_j·(S + H) of the other side; S is what sources send directly.
+
+use catoptric_scene::Rgb;
+
+use crate::patch::{PatchId, PatchMesh};
+use crate::rows::Row;
+
+/// When to stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SolverParams {
+    /// Change of the irradiance in a sweep, area-weighted, relative to what was sent in the first place.
+    pub tolerance: f64,
+    /// Sweeps at most.
+    pub max_sweeps: usize,
+}
+
+impl Default for SolverParams {
+    fn default() -> Self {
+        Self { tolerance: 1e-5, max_sweeps: 500 }
+    }
+}
+
+/// The solution for the patches.
+#[derive(Clone, Debug, Default)]
+pub struct PatchSolution {
+    /// Irradiance from other diffuse surfaces, and from sources found by the rows.
+    pub indirect: Vec<Rgb>,
+    /// Sweeps.
+    pub sweeps: usize,
+    /// Change of the last sweep relative to what was sent in the first place.
+    pub residual: f64,
+}
+
+/// Solves for the indirect irradiance of the patches, given what sources send to each.
+pub fn solve_patches(
+    patches: &PatchMesh,
+    rows: &[Row],
+    sources: &[Rgb],
+    params: &SolverParams,
+) -> PatchSolution {
+    let count = patches.len();
+    let mut irradiance: Vec<Rgb> = vec![Rgb::ZERO; count];
+    let total = |index: usize, irradiance: &[Rgb]| sources[index] + irradiance[index];
+    let radiosity = |index: usize, irradiance: &[Rgb]| {
+        let own = patches.reflectances[index] * total(index, irradiance);
+        match patches.opposite[index] {
+            Some(other) => own + patches.transmittances[index] * total(other.0 as usize, irradiance),
+            None => own,
+        }
+    };
+    let mut sent: Vec<Rgb> = (0..count).map(|i| radiosity(i, &irradiance)).collect();
+    let mut scale: f64 = (0..count)
+        .map(|i| f64::from(patches.areas[i]) * f64::from((sources[i] + rows[i].found).max_element()))
+        .sum();
+    scale = scale.max(f64::MIN_POSITIVE);
+    let mut solution = PatchSolution::default();
+    while solution.sweeps < params.max_sweeps {
+        let mut change = 0.0_f64;
+        for index in 0..count {
+            let gathered = rows[index].found + rows[index].gather(|p: PatchId| sent[p.0 as usize]);
+            change += f64::from(patches.areas[index])
+                * f64::from((gathered - irradiance[index]).abs().max_element());
+            irradiance[index] = gathered;
+            sent[index] = radiosity(index, &irradiance);
+            if let Some(other) = patches.opposite[index] {
+                sent[other.0 as usize] = radiosity(other.0 as usize, &irradiance);
+            }
+        }
+        solution.sweeps += 1;
+        solution.residual = change / scale;
+        if solution.residual < params.tolerance {
+            break;
+        }
+    }
+    solution.indirect = irradiance;
+    solution
+}

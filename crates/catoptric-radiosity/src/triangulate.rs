@@ -1,0 +1,452 @@
+//! A face becomes well-shaped triangles: its outline and contact lines are split where they meet, cut to length, and
+//! triangulated with a lattice inside (constrained Delaunay, Chew 1989; spade's robust predicates).
+
+use glam::DVec2;
+use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
+
+use crate::contact::Segment;
+
+/// A flat triangle mesh whose corners know on which side of a contact line they are.
+#[derive(Clone, Debug, Default)]
+pub struct FlatMesh {
+    /// Vertices: several may share a point, one for each side of the contact lines that meet there.
+    pub points: Vec<DVec2>,
+    /// Counter-clockwise triangles.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Indexed point for spade.
+#[derive(Clone, Copy, Debug)]
+struct Site {
+    position: Point2<f64>,
+}
+
+impl HasPosition for Site {
+    type Scalar = f64;
+    fn position(&self) -> Point2<f64> {
+        self.position
+    }
+}
+
+/// Above this many segments the arrangement would cost more than the picture gains: contact lines are left out.
+const MAX_SEGMENTS: usize = 3000;
+
+/// Triangulates the union of `triangles` with the contact lines `contacts`, edges about `spacing` long (metres).
+/// Points closer than `tolerance` are one.
+pub fn triangulate(triangles: &[[DVec2; 3]], contacts: &[Segment], spacing: f64, tolerance: f64) -> FlatMesh {
+    let outline = outline(triangles, tolerance);
+    let contacts = if contacts.len() + outline.len() > MAX_SEGMENTS { &[] } else { contacts };
+    let arrangement = Arrangement::new(&outline, contacts, spacing, tolerance);
+    let mut sites: Vec<DVec2> = arrangement.points.clone();
+    lattice(triangles, &arrangement, spacing, &mut sites);
+
+    let vertices: Vec<Site> = sites.iter().map(|p| Site { position: Point2::new(p.x, p.y) }).collect();
+    let edges: Vec<[usize; 2]> =
+        arrangement.edges.iter().map(|e| [e.ends[0] as usize, e.ends[1] as usize]).collect();
+    let Ok(cdt) = ConstrainedDelaunayTriangulation::<Site>::try_bulk_load_cdt(vertices, edges, |_| {}) else {
+        return plain(triangles);
+    };
+
+    // Triangles inside the face, with the corners joined across everything but contact lines.
+    let inside = Inside::new(triangles);
+    let mut kept: Vec<[u32; 3]> = Vec::new();
+    let mut slot_of_face = vec![u32::MAX; cdt.num_all_faces() + 1];
+    for face in cdt.inner_faces() {
+        let corners = face.vertices().map(|v| v.fix().index());
+        let points = face.vertices().map(|v| DVec2::new(v.position().x, v.position().y));
+        let area = 0.5 * (points[1] - points[0]).perp_dot(points[2] - points[0]);
+        if area <= tolerance * tolerance {
+            continue;
+        }
+        if inside.holds((points[0] + points[1] + points[2]) / 3.0) {
+            slot_of_face[face.fix().index()] = kept.len() as u32;
+            kept.push(corners.map(|c| c as u32));
+        }
+    }
+    let mut corners = Corners::new(kept.len() * 3);
+    let contact: std::collections::HashSet<(u32, u32)> = arrangement
+        .edges
+        .iter()
+        .filter(|e| e.contact)
+        .map(|e| (e.ends[0].min(e.ends[1]), e.ends[0].max(e.ends[1])))
+        .collect();
+    for edge in cdt.undirected_edges() {
+        let directed = edge.as_directed();
+        let [Some(left), Some(right)] = [directed.face().as_inner(), directed.rev().face().as_inner()]
+            .map(|f| f.map(|f| slot_of_face[f.fix().index()]))
+        else {
+            continue;
+        };
+        if left == u32::MAX || right == u32::MAX {
+            continue;
+        }
+        let ends = [directed.from().fix().index() as u32, directed.to().fix().index() as u32];
+        if contact.contains(&(ends[0].min(ends[1]), ends[0].max(ends[1]))) {
+            continue;
+        }
+        for end in ends {
+            let corner = |slot: u32| {
+                let at = kept[slot as usize].iter().position(|&c| c == end).unwrap_or(0);
+                slot as usize * 3 + at
+            };
+            corners.join(corner(left), corner(right));
+        }
+    }
+
+    // One vertex per class of joined corners, in order of first use.
+    let mut mesh = FlatMesh::default();
+    let mut vertex_of = vec![u32::MAX; kept.len() * 3];
+    let positions: Vec<DVec2> = cdt.vertices().map(|v| DVec2::new(v.position().x, v.position().y)).collect();
+    for (slot, triangle) in kept.iter().enumerate() {
+        let own = std::array::from_fn(|k| {
+            let root = corners.root(slot * 3 + k);
+            if vertex_of[root] == u32::MAX {
+                vertex_of[root] = mesh.points.len() as u32;
+                mesh.points.push(positions[triangle[k] as usize]);
+            }
+            vertex_of[root]
+        });
+        mesh.triangles.push(own);
+    }
+    if mesh.triangles.is_empty() { plain(triangles) } else { mesh }
+}
+
+/// The face's own triangles as they are.
+fn plain(triangles: &[[DVec2; 3]]) -> FlatMesh {
+    let mut mesh = FlatMesh::default();
+    for triangle in triangles {
+        let first = mesh.points.len() as u32;
+        mesh.points.extend(triangle);
+        let turn = (triangle[1] - triangle[0]).perp_dot(triangle[2] - triangle[0]);
+        mesh.triangles.push(if turn >= 0.0 {
+            [first, first + 1, first + 2]
+        } else {
+            [first, first + 2, first + 1]
+        });
+    }
+    mesh
+}
+
+/// Union–find over triangle corners.
+struct Corners {
+    parent: Vec<usize>,
+}
+
+impl Corners {
+    fn new(count: usize) -> Self {
+        Self { parent: (0..count).collect() }
+    }
+
+    fn root(&mut self, mut i: usize) -> usize {
+        while self.parent[i] != i {
+            self.parent[i] = self.parent[self.parent[i]];
+            i = self.parent[i];
+        }
+        i
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.parent[a.max(b)] = a.min(b);
+    }
+}
+
+/// Edges that only one triangle of the face has.
+fn outline(triangles: &[[DVec2; 3]], tolerance: f64) -> Vec<Segment> {
+    let mut points = Points::new(tolerance);
+    let mut count: std::collections::BTreeMap<(u32, u32), u32> = std::collections::BTreeMap::new();
+    for triangle in triangles {
+        let ids = triangle.map(|p| points.id(p));
+        for k in 0..3 {
+            let (a, b) = (ids[k], ids[(k + 1) % 3]);
+            if a != b {
+                *count.entry((a.min(b), a.max(b))).or_default() += 1;
+            }
+        }
+    }
+    count
+        .into_iter()
+        .filter(|&(_, n)| n == 1)
+        .map(|((a, b), _)| [points.list[a as usize], points.list[b as usize]])
+        .collect()
+}
+
+/// Points, welded by distance.
+struct Points {
+    list: Vec<DVec2>,
+    cells: std::collections::HashMap<(i64, i64), Vec<u32>>,
+    tolerance: f64,
+}
+
+impl Points {
+    fn new(tolerance: f64) -> Self {
+        Self { list: Vec::new(), cells: std::collections::HashMap::new(), tolerance }
+    }
+
+    fn id(&mut self, point: DVec2) -> u32 {
+        let size = 2.0 * self.tolerance;
+        let cell = ((point.x / size).floor() as i64, (point.y / size).floor() as i64);
+        for dy in -1..=1 {
+            for dx in -1..=1 {
+                for &id in self.cells.get(&(cell.0 + dx, cell.1 + dy)).map_or(&[][..], Vec::as_slice) {
+                    if (self.list[id as usize] - point).length() <= self.tolerance {
+                        return id;
+                    }
+                }
+            }
+        }
+        let id = self.list.len() as u32;
+        self.list.push(point);
+        self.cells.entry(cell).or_default().push(id);
+        id
+    }
+}
+
+/// An edge of the arrangement.
+#[derive(Clone, Copy, Debug)]
+struct ArrangedEdge {
+    ends: [u32; 2],
+    contact: bool,
+}
+
+/// Outline and contact lines, split wherever they meet or touch, and cut to length.
+struct Arrangement {
+    points: Vec<DVec2>,
+    edges: Vec<ArrangedEdge>,
+}
+
+impl Arrangement {
+    fn new(outline: &[Segment], contacts: &[Segment], spacing: f64, tolerance: f64) -> Self {
+        let mut points = Points::new(tolerance);
+        let segments: Vec<(Segment, bool)> =
+            outline.iter().map(|s| (*s, false)).chain(contacts.iter().map(|s| (*s, true))).collect();
+        // Parameters at which each segment is split.
+        let mut splits: Vec<Vec<f64>> = segments.iter().map(|_| vec![0.0, 1.0]).collect();
+        for i in 0..segments.len() {
+            for j in i + 1..segments.len() {
+                meet(&segments, i, j, tolerance, &mut splits);
+            }
+        }
+        let mut known = std::collections::BTreeMap::new();
+        for ((segment, contact), splits) in segments.iter().zip(&mut splits) {
+            splits.sort_by(f64::total_cmp);
+            let [a, b] = *segment;
+            let mut previous = points.id(a);
+            for &t in splits.iter().skip(1) {
+                let next = points.id(a.lerp(b, t));
+                if next == previous {
+                    continue;
+                }
+                let (from, to) = (points.list[previous as usize], points.list[next as usize]);
+                let parts = ((to - from).length() / spacing).ceil().max(1.0) as u32;
+                for part in 1..=parts {
+                    let end = if part == parts {
+                        next
+                    } else {
+                        points.id(from.lerp(to, f64::from(part) / f64::from(parts)))
+                    };
+                    if end != previous {
+                        // The same edge twice: contact wins.
+                        let key = (previous.min(end), previous.max(end));
+                        *known.entry(key).or_insert(false) |= *contact;
+                    }
+                    previous = end;
+                }
+            }
+        }
+        let edges =
+            known.into_iter().map(|((a, b), contact)| ArrangedEdge { ends: [a, b], contact }).collect();
+        Self { points: points.list, edges }
+    }
+}
+
+/// Splits two segments where they cross, and each where an end of the other lies on it.
+fn meet(segments: &[(Segment, bool)], i: usize, j: usize, tolerance: f64, splits: &mut [Vec<f64>]) {
+    let ([a, b], [c, d]) = (segments[i].0, segments[j].0);
+    let apart = a.max(b).cmplt(c.min(d) - tolerance).any() || c.max(d).cmplt(a.min(b) - tolerance).any();
+    if apart {
+        return;
+    }
+    let on = |p: DVec2, from: DVec2, to: DVec2| {
+        let edge = to - from;
+        let t = edge.dot(p - from) / edge.length_squared();
+        let near = (0.0..=1.0).contains(&t) && (from + edge * t - p).length() <= tolerance;
+        near.then_some(t)
+    };
+    let mut touches = false;
+    for (p, from, to, which) in [(c, a, b, i), (d, a, b, i), (a, c, d, j), (b, c, d, j)] {
+        if let Some(t) = on(p, from, to) {
+            splits[which].push(t);
+            touches = true;
+        }
+    }
+    if touches {
+        return;
+    }
+    let (e, f) = (b - a, d - c);
+    let denominator = e.perp_dot(f);
+    if denominator == 0.0 {
+        return;
+    }
+    let t = (c - a).perp_dot(f) / denominator;
+    let s = (c - a).perp_dot(e) / denominator;
+    if (0.0..=1.0).contains(&t) && (0.0..=1.0).contains(&s) {
+        splits[i].push(t);
+        splits[j].push(s);
+    }
+}
+
+/// Points in the union of the face's triangles.
+struct Inside<'a> {
+    triangles: &'a [[DVec2; 3]],
+}
+
+impl<'a> Inside<'a> {
+    fn new(triangles: &'a [[DVec2; 3]]) -> Self {
+        Self { triangles }
+    }
+
+    fn holds(&self, p: DVec2) -> bool {
+        self.triangles.iter().any(|[a, b, c]| {
+            let (u, v, w) =
+                ((*b - *a).perp_dot(p - *a), (*c - *b).perp_dot(p - *b), (*a - *c).perp_dot(p - *c));
+            (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0)
+        })
+    }
+}
+
+/// Lattice points inside the face, not too near to any segment.
+fn lattice(triangles: &[[DVec2; 3]], arrangement: &Arrangement, spacing: f64, sites: &mut Vec<DVec2>) {
+    let (mut min, mut max) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    for p in triangles.iter().flatten() {
+        min = min.min(*p);
+        max = max.max(*p);
+    }
+    let extent = max - min;
+    let cells = (extent / spacing).ceil().max(DVec2::ONE);
+    if !cells.is_finite() || cells.x * cells.y > 4e6 {
+        return;
+    }
+    let (columns, rows) = (cells.x as usize, cells.y as usize);
+    if columns < 2 || rows < 2 {
+        return;
+    }
+    let step = extent / cells;
+    let clearance = 0.4 * step.min_element();
+    // Segments by lattice cell, so that each point asks its neighbours only.
+    let mut near: Vec<Vec<u32>> = vec![Vec::new(); columns * rows];
+    for (index, edge) in arrangement.edges.iter().enumerate() {
+        let [a, b] = edge.ends.map(|e| arrangement.points[e as usize]);
+        let low = ((a.min(b) - min - clearance) / step).floor();
+        let high = ((a.max(b) - min + clearance) / step).floor();
+        let clamp = |x: f64, n: usize| (x.max(0.0) as usize).min(n - 1);
+        for y in clamp(low.y, rows)..=clamp(high.y, rows) {
+            for x in clamp(low.x, columns)..=clamp(high.x, columns) {
+                near[y * columns + x].push(index as u32);
+            }
+        }
+    }
+    let inside = Inside::new(triangles);
+    for j in 1..rows {
+        for i in 1..columns {
+            let point = min + step * DVec2::new(i as f64, j as f64);
+            let close = [(i, j), (i - 1, j), (i, j - 1), (i - 1, j - 1)].iter().any(|&(x, y)| {
+                near[y.min(rows - 1) * columns + x.min(columns - 1)].iter().any(|&e| {
+                    let [a, b] = arrangement.edges[e as usize].ends.map(|k| arrangement.points[k as usize]);
+                    distance(point, a, b) < clearance
+                })
+            });
+            if !close && inside.holds(point) {
+                sites.push(point);
+            }
+        }
+    }
+}
+
+/// Distance of a point from a segment.
+fn distance(p: DVec2, a: DVec2, b: DVec2) -> f64 {
+    let edge = b - a;
+    let length = edge.length_squared();
+    let t = if length > 0.0 { (edge.dot(p - a) / length).clamp(0.0, 1.0) } else { 0.0 };
+    (a + edge * t - p).length()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square(size: f64) -> Vec<[DVec2; 3]> {
+        let [a, b, c, d] =
+            [(0.0, 0.0), (size, 0.0), (size, size), (0.0, size)].map(|(x, y)| DVec2::new(x, y));
+        vec![[a, b, c], [a, c, d]]
+    }
+
+    fn area(mesh: &FlatMesh) -> f64 {
+        mesh.triangles
+            .iter()
+            .map(|t| {
+                let [a, b, c] = t.map(|v| mesh.points[v as usize]);
+                0.5 * (b - a).perp_dot(c - a)
+            })
+            .sum()
+    }
+
+    #[test]
+    fn the_mesh_covers_the_face_once_whatever_the_contacts() {
+        let contacts = [
+            [DVec2::new(0.3, 0.0), DVec2::new(0.3, 1.0)],
+            [DVec2::new(0.1, 0.5), DVec2::new(0.9, 0.55)],
+            [DVec2::new(0.3, 0.2), DVec2::new(0.8, 0.2)],
+        ];
+        for count in 0..=contacts.len() {
+            let mesh = triangulate(&square(1.0), &contacts[..count], 0.11, 1e-7);
+            assert!((area(&mesh) - 1.0).abs() < 1e-9, "{count} contacts: {}", area(&mesh));
+        }
+    }
+
+    /// A line across separates the sides: no triangle of the left shares a vertex with one of the right.
+    #[test]
+    fn a_contact_line_across_the_face_gives_each_side_its_own_vertices() {
+        let line = [DVec2::new(0.4, 0.0), DVec2::new(0.4, 1.0)];
+        let mesh = triangulate(&square(1.0), &[line], 0.2, 1e-7);
+        let mut sides = vec![[false; 2]; mesh.points.len()];
+        for t in &mesh.triangles {
+            let center = t.iter().map(|&v| mesh.points[v as usize].x).sum::<f64>() / 3.0;
+            for &v in t {
+                sides[v as usize][usize::from(center > 0.4)] = true;
+            }
+        }
+        assert!(sides.iter().all(|s| s[0] != s[1]));
+    }
+
+    /// Around the end of a line that stops inside, the sides hang together.
+    #[test]
+    fn a_contact_line_that_ends_inside_shares_its_end() {
+        let line = [DVec2::new(0.5, 0.0), DVec2::new(0.5, 0.5)];
+        let mesh = triangulate(&square(1.0), &[line], 0.25, 1e-7);
+        let at = |p: DVec2| mesh.points.iter().filter(|q| (**q - p).length() < 1e-9).count();
+        assert_eq!(at(DVec2::new(0.5, 0.5)), 1);
+        assert_eq!(at(DVec2::new(0.5, 0.25)), 2);
+        assert_eq!(at(DVec2::new(0.5, 0.0)), 2);
+    }
+
+    /// A T-junction off by rounding must not leave a sliver: no angle below a few degrees in a simple room wall.
+    #[test]
+    fn nearly_collinear_outlines_leave_no_slivers() {
+        let p = |x: f64, y: f64| DVec2::new(x, y);
+        let triangles = [
+            [p(0.0, 0.0), p(1.0, 0.0), p(0.0, 1.0)],
+            [p(1.0, 0.0), p(0.5, 0.5 + 1e-9), p(1.0, 1.0)],
+            [p(0.5, 0.5 + 1e-9), p(0.0, 1.0), p(1.0, 1.0)],
+        ];
+        let mesh = triangulate(&triangles, &[], 0.2, 1e-6);
+        assert!((area(&mesh) - 1.0).abs() < 1e-6);
+        for t in &mesh.triangles {
+            let q = t.map(|v| mesh.points[v as usize]);
+            for k in 0..3 {
+                let (a, b) = (q[(k + 1) % 3] - q[k], q[(k + 2) % 3] - q[k]);
+                assert!(a.perp_dot(b) > 0.05 * a.length() * b.length(), "sliver at {:?}", q[k]);
+            }
+        }
+    }
+}

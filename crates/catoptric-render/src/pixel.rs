@@ -1,0 +1,165 @@
+//! One eye ray: the split driver over S*, and what is read where it meets diffuse surfaces.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
+use catoptric_light::irradiance::Scratch;
+use catoptric_light::{Lights, Receiver};
+use catoptric_scene::Rgb;
+use catoptric_solution::{Solution, Term};
+use catoptric_trace::sequence::Key;
+use catoptric_trace::walk::Arrival;
+use catoptric_trace::walk::split::{self, Sight, SplitParams};
+use catoptric_trace::{MediumStack, Ray};
+
+use crate::layers::{LightLayer, LightLayers};
+
+/// What the eye sees first along a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FirstHit {
+    /// Distance from the eye, metres; infinite for the sky.
+    pub depth: f32,
+    /// Unit shading normal towards the eye.
+    pub normal: Vec3,
+    /// Base reflectance there (diffuse and mirror).
+    pub albedo: Rgb,
+    /// Surface id + 1, 0 for the sky.
+    pub surface: u32,
+    /// Plane id + 1 where the surface is flat, a key of the surface where it is curved, 0 for the sky.
+    pub facet: u32,
+}
+
+impl FirstHit {
+    /// Nothing but sky.
+    pub const SKY: Self =
+        Self { depth: f32::INFINITY, normal: Vec3::ZERO, albedo: Rgb::ZERO, surface: 0, facet: 0 };
+}
+
+/// One sample of a pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    /// Light by layer.
+    pub light: LightLayers,
+    /// The first hit.
+    pub first: FirstHit,
+    /// Hash of what was met along the whole tree of branches: samples that differ in it straddle an edge.
+    pub trail: u32,
+}
+
+/// What a view needs.
+pub struct Eye<'a> {
+    /// Sources, for punctual lights per pixel.
+    pub lights: &'a Lights<'a>,
+    /// Irradiance.
+    pub solution: &'a Solution,
+    /// Limits.
+    pub params: SplitParams,
+}
+
+impl Eye<'_> {
+    /// Traces one eye ray.
+    pub fn sample(&self, origin: Vec3, direction: Vec3, key: Key, scratch: &mut Scratch) -> Sample {
+        let tracer = self.lights.tracer();
+        let scene = tracer.scene();
+        let mut light = LightLayers::default();
+        let mut first = FirstHit::SKY;
+        let mut trail = 0x811c_9dc5_u32;
+        split::trace(
+            tracer,
+            Ray::free(origin, direction),
+            MediumStack::AIR,
+            key,
+            &self.params,
+            |hit| {
+                let smooth = scene.surface_of(hit.triangle).smooth;
+                let surface = scene.triangles()[hit.triangle.index()].surface.0;
+                let side = if hit.back { -1.0 } else { 1.0 };
+                let point = scene.surface_point(hit.triangle, hit.at);
+                first = FirstHit {
+                    depth: hit.t,
+                    normal: scene.shading_normal(hit.triangle, hit.at) * side,
+                    albedo: point.diffuse + point.mirror,
+                    surface: surface + 1,
+                    facet: if smooth { 1 << 31 | surface } else { tracer.planes().of(hit.triangle).0 + 1 },
+                };
+            },
+            |sight| match sight {
+                Sight::Sky { direction, throughput, chain } => {
+                    trail = step(trail, 0, chain.len());
+                    if let Some(sky) = scene.sky() {
+                        let radiance = throughput * sky.radiance(direction).0;
+                        light.add(LightLayer::Emission, !chain.is_empty(), radiance);
+                    }
+                }
+                Sight::Surface(arrival) => {
+                    let surface = scene.triangles()[arrival.hit.triangle.index()].surface.0;
+                    let smooth = scene.surface_of(arrival.hit.triangle).smooth;
+                    let facet = if smooth {
+                        1 << 31 | surface
+                    } else {
+                        tracer.planes().of(arrival.hit.triangle).0 + 1
+                    };
+                    trail = step(trail, facet, arrival.chain.len());
+                    self.see(&arrival, &mut light, scratch);
+                }
+            },
+        );
+        Sample { light, first, trail }
+    }
+
+    /// Adds what a surface sends to the eye.
+    fn see(&self, arrival: &Arrival, light: &mut LightLayers, scratch: &mut Scratch) {
+        let tracer = self.lights.tracer();
+        let interaction = arrival.interaction;
+        let material = tracer.scene().material_of(arrival.hit.triangle);
+        let through = !arrival.chain.is_empty();
+        // The eye is in air; light that starts in a denser medium is thinned by n².
+        let ior = tracer.media().ior(arrival.media.current());
+        let weight = arrival.throughput / (ior * ior);
+        if material.unlit {
+            let point = tracer.scene().surface_point(arrival.hit.triangle, arrival.hit.at);
+            light.add(LightLayer::Emission, through, weight * point.tint * point.opacity);
+            return;
+        }
+        light.add(LightLayer::Emission, through, weight * interaction.emission.0);
+        if interaction.receives <= 0.0 {
+            return;
+        }
+        let send = weight * (interaction.receives / PI);
+        for (share, side) in [
+            (interaction.reflectance, interaction.side),
+            (interaction.transmittance, interaction.side.opposite()),
+        ] {
+            if share.max_element() <= 0.0 {
+                continue;
+            }
+            let send = send * share;
+            if let Some(at) = self.solution.mesh.locate(arrival.hit.triangle, side, arrival.position) {
+                for (term, layer) in [
+                    (Term::Direct, LightLayer::Direct),
+                    (Term::Mirrored, LightLayer::Mirrored),
+                    (Term::Caustic, LightLayer::Caustic),
+                    (Term::Indirect, LightLayer::Indirect),
+                ] {
+                    light.add(layer, through, send * self.solution.irradiance(term, &at).0);
+                }
+            }
+            if !tracer.scene().lights().is_empty() {
+                let mut receiver = Receiver::on(tracer, arrival.hit.triangle, side, arrival.hit.at);
+                receiver.position = arrival.position;
+                receiver.media = arrival.media;
+                let punctual = self.lights.punctual(&receiver, scratch);
+                light.add(LightLayer::Direct, through, send * punctual.direct);
+                light.add(LightLayer::Mirrored, through, send * punctual.mirrored);
+            }
+        }
+    }
+}
+
+/// One step of the trail's hash (FNV-1a).
+#[inline]
+fn step(trail: u32, facet: u32, depth: usize) -> u32 {
+    let mixed = (trail ^ facet).wrapping_mul(0x0100_0193);
+    (mixed ^ depth as u32).wrapping_mul(0x0100_0193)
+}
