@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::interrupt;
+
 /// An end other than success.
 #[derive(Debug)]
 pub(crate) enum Failure {
@@ -18,7 +20,7 @@ impl Failure {
         match self {
             Self::Run(_) => 1,
             Self::Usage(_) => 2,
-            Self::Interrupted => 130,
+            Self::Interrupted => interrupt::EXIT_CODE,
         }
     }
 
@@ -37,7 +39,7 @@ impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Self::Run(message) | Self::Usage(message) => f.write_str(message),
-            Self::Interrupted => f.write_str("interrupted; no output was left half written"),
+            Self::Interrupted => f.write_str("interrupted"),
         }
     }
 }

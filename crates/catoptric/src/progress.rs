@@ -75,6 +75,12 @@ impl Reporter {
         self.state().context = context;
     }
 
+    /// Begins a stage that does not ask whether it shall stop, and leaves nothing behind if it is ended midway.
+    pub(crate) fn begin_deaf(&self, stage: &str) {
+        self.begin(stage, 0);
+        interrupt::listen(false);
+    }
+
     /// Ends the current stage.
     pub(crate) fn end(&self) {
         self.state().end(self.voice);
@@ -130,6 +136,7 @@ impl State {
 
 impl Progress for Reporter {
     fn begin(&self, stage: &str, total: u64) {
+        interrupt::listen(true);
         let mut state = self.state();
         state.end(self.voice);
         self.done.store(0, Ordering::Relaxed);

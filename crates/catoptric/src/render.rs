@@ -33,7 +33,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let mut outputs =
         Outputs::new(args.output.as_deref(), args.preview.as_deref(), args.layers, args.exposure)?;
     let report_file = args.run.json.clone().flatten();
-    reporter.begin("load", 0);
+    reporter.begin_deaf("load");
     let light = args.solution.as_deref().map_or(Light::Own, Light::Beside);
     let input = Input::read(&args.scene, args.transport.sky.as_ref(), light)?;
     let views = views(args, &input)?;
@@ -44,7 +44,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     summary::warn(&reporter, &input.warnings);
 
     // Light once.
-    reporter.begin("tree", 0);
+    reporter.begin_deaf("tree");
     let tracer = Tracer::new(&input.scene);
     let (solution, solve_report) = match input.solution {
         Some(solution) => (solution, None),

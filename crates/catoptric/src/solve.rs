@@ -34,10 +34,10 @@ pub(crate) fn run(args: &SolveArgs) -> Result<(), Failure> {
         output::check(output, &[])?;
     }
 
-    reporter.begin("load", 0);
+    reporter.begin_deaf("load");
     let mut input = Input::read(&args.scene, args.transport.sky.as_ref(), Light::New)?;
     summary::warn(&reporter, &input.warnings);
-    reporter.begin("tree", 0);
+    reporter.begin_deaf("tree");
     let tracer = Tracer::new(&input.scene);
     let (solution, solve_report) = pass_one::run(&tracer, input.hash, &args.transport, &reporter)?;
 

@@ -37,6 +37,9 @@ pub(crate) fn written(reporter: &Reporter, files: &[PathBuf]) {
     match files {
         [] => {}
         [file] => reporter.say(&format!("wrote {} in {seconds:.2} s", file.display())),
+        [first, second] => {
+            reporter.say(&format!("wrote {} and {} in {seconds:.2} s", first.display(), second.display()));
+        }
         [first, .., last] => reporter.say(&format!(
             "wrote {} files, {} to {}, in {seconds:.2} s",
             files.len(),
