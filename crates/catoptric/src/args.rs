@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::diff::DiffArgs;
 use crate::value::{CameraChoice, Frames, Size, SkySource};
 
 const EXIT_CODES: &str = "\
@@ -66,6 +67,8 @@ pub(crate) enum Command {
     /// Says what is in a file, how it is read and what it will cost.
     #[command(after_help = INFO_EXAMPLES)]
     Info(InfoArgs),
+    /// Compares a rendered image, or a folder of them, with a reference.
+    Diff(Box<DiffArgs>),
     /// Writes a completion script for a shell.
     #[command(after_help = COMPLETIONS_EXAMPLES)]
     Completions {

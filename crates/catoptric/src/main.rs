@@ -1,6 +1,7 @@
 //! The command line of Catoptric.
 
 mod args;
+mod diff;
 mod estimate;
 mod failure;
 mod info;
@@ -27,7 +28,7 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     interrupt::install();
     match run(&cli.command) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(code) => code,
         Err(failure) => {
             eprintln!("error: {failure}");
             ExitCode::from(failure.exit_code())
@@ -35,17 +36,25 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(command: &Command) -> Result<(), Failure> {
+fn run(command: &Command) -> Result<ExitCode, Failure> {
     match command {
-        Command::Render(args) => start_threads(&args.run).and_then(|()| render::run(args)),
-        Command::Solve(args) => start_threads(&args.run).and_then(|()| solve::run(args)),
-        Command::Info(args) => info::run(args),
+        Command::Render(args) => {
+            start_threads(&args.run)?;
+            render::run(args)?;
+        }
+        Command::Solve(args) => {
+            start_threads(&args.run)?;
+            solve::run(args)?;
+        }
+        Command::Info(args) => info::run(args)?,
+        Command::Diff(args) => return Ok(diff::run(args)),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "catoptric", &mut script);
-            report::print(&String::from_utf8_lossy(&script))
+            report::print(&String::from_utf8_lossy(&script))?;
         }
     }
+    Ok(ExitCode::SUCCESS)
 }
 
 /// As many threads as were asked for, else one per processor.

@@ -7,8 +7,9 @@ use std::collections::BTreeSet;
 use std::io::Cursor;
 
 use exr::block::UncompressedBlock;
-use exr::block::chunk::{Chunk, CompressedBlock};
+use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock, CompressedTileBlock};
 use exr::block::reader::Reader;
+use exr::compression::Compression;
 use exr::meta::attribute::{AttributeValue, SampleType, Text};
 use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData};
@@ -168,7 +169,10 @@ fn read_pixels(
                 {
                     Ok(None)
                 }
-                _ => UncompressedBlock::decompress_chunk(chunk, meta, false).map(Some),
+                _ => {
+                    check_dwa(&chunk, meta)?;
+                    UncompressedBlock::decompress_chunk(chunk, meta, false).map(Some)
+                }
             })
             .collect::<Result<_, _>>()
             .map_err(damaged)?;
@@ -176,6 +180,34 @@ fn read_pixels(
             place(&block, meta, window, image)?;
         }
     }
+}
+
+/// DWA chunks begin with eleven 64-bit sizes that the decompressor allocates unseen: none may exceed what a block of this
+/// part can need.
+fn check_dwa(chunk: &Chunk, meta: &MetaData) -> Result<(), exr::error::Error> {
+    let header = &meta.headers[chunk.layer_index];
+    let (CompressedBlock::Tile(CompressedTileBlock { compressed_pixels_le: data, .. })
+    | CompressedBlock::ScanLine(CompressedScanLineBlock { compressed_pixels_le: data, .. })) =
+        &chunk.compressed_block
+    else {
+        return Ok(());
+    };
+    if !matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)) {
+        return Ok(());
+    }
+    // A block that did not shrink is stored as it is, without sizes.
+    let tile = header.get_block_data_indices(&chunk.compressed_block)?;
+    let pixels = header.get_absolute_block_pixel_coordinates(tile)?.size;
+    let block = (pixels.area() * header.channels.bytes_per_pixel) as u64;
+    if data.len() as u64 == block {
+        return Ok(());
+    }
+    let sizes =
+        data.chunks_exact(8).take(11).map(|b| b.iter().rev().fold(0u64, |n, &byte| n << 8 | u64::from(byte)));
+    if sizes.into_iter().any(|size| size > 4 * block + 65_536) {
+        return Err(exr::error::Error::Invalid("DWA section size".into()));
+    }
+    Ok(())
 }
 
 /// What makes a chunk itself: part, position, level.
