@@ -253,6 +253,7 @@ impl Asset {
                 }
             }
         }
+        self.truncate_lights(source.get("lights").and_then(as_index).unwrap_or(0));
         // The bytes that were added lie behind those of the source.
         let report = Report::new(std::path::Path::new(""));
         let views = 0..self.table_len(Table::BUFFER_VIEWS);
@@ -350,7 +351,10 @@ impl Asset {
             }
         };
         let materials = self.table_len(Table::MATERIALS);
-        let source = json!({ "scene": scene, "materials": materials, "shown": shown, "tables": tables });
+        let source = json!({
+            "scene": scene, "materials": materials, "shown": shown, "tables": tables,
+            "lights": self.lights_len(),
+        });
         self.extras_mut().insert("source".to_owned(), source);
     }
 

@@ -66,6 +66,20 @@ impl Asset {
         self.push("nodes", node)
     }
 
+    /// Number of lights in the light table.
+    pub(super) fn lights_len(&self) -> usize {
+        let extension = self.json.get("extensions").and_then(|extensions| extensions.get(LIGHTS));
+        extension.and_then(|extension| extension.get("lights")?.as_array()).map_or(0, Vec::len)
+    }
+
+    /// Takes out the lights behind the first `count`.
+    pub(super) fn truncate_lights(&mut self, count: usize) {
+        let extension = self.json.get_mut("extensions").and_then(|extensions| extensions.get_mut(LIGHTS));
+        if let Some(Value::Array(lights)) = extension.and_then(|extension| extension.get_mut("lights")) {
+            lights.truncate(count);
+        }
+    }
+
     /// Adds to the light table in the root's extension; returns the light's index.
     fn push_light(&mut self, light: Value) -> usize {
         let extensions = self.json.entry("extensions").or_insert(Value::Null);
