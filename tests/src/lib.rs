@@ -1,1 +1,5 @@
-//! End-to-end tests of Catoptric live in `tests/`; this library holds what they share.
+//! What the end-to-end tests in `tests/` share: the slow twin of the renderer, and how a picture is compared with it.
+
+pub mod compare;
+mod particles;
+pub mod twin;

@@ -77,6 +77,8 @@ pub struct Displayed {
     pub origin: Vec<u32>,
     /// Base triangle of each element.
     pub roots: Vec<u32>,
+    /// Leaf of each element.
+    pub leaves: Vec<u32>,
 }
 
 /// Share of the way to the element's centre by which gathering points of border vertices are drawn inside: above f32
@@ -387,6 +389,24 @@ impl Draft {
         self.receiver_at(tracer, face, v.sample, v.normal, v.triangle)
     }
 
+    /// Where a point inside an element receives light.
+    pub fn receiver_inside(
+        &self,
+        tracer: &Tracer,
+        displayed: &Displayed,
+        element: u32,
+        weights: [f32; 3],
+    ) -> Receiver {
+        let corners =
+            displayed.mesh.elements[element as usize].vertices.map(|v| &displayed.mesh.vertices[v as usize]);
+        let mix = |f: &dyn Fn(usize) -> Vec3| f(0) * weights[0] + f(1) * weights[1] + f(2) * weights[2];
+        let position = mix(&|k| corners[k].position);
+        let normal = mix(&|k| corners[k].normal).try_normalize().unwrap_or(corners[0].normal);
+        let face = &self.faces[self.leaves[displayed.leaves[element as usize] as usize].face as usize];
+        let triangle = face.triangle_at(tracer, position);
+        self.receiver_at(tracer, face, position, normal, triangle)
+    }
+
     /// A receiver at a point of a face.
     pub fn receiver_at(
         &self,
@@ -422,6 +442,7 @@ impl Draft {
         let mut kept = vec![u32::MAX; self.vertices.len()];
         let mut origin = Vec::new();
         let mut roots = Vec::new();
+        let mut leaves = Vec::new();
         let mut vertices = Vec::new();
         let mut elements = Vec::new();
         let mut faces = Vec::new();
@@ -449,6 +470,7 @@ impl Draft {
                     });
                     elements.push(Element { vertices: own });
                     roots.push(self.leaves[leaf as usize].root);
+                    leaves.push(leaf);
                 });
             }
             for &triangle in &face.triangles {
@@ -461,7 +483,7 @@ impl Draft {
                 medium: face.medium.0,
             });
         }
-        Displayed { mesh: DisplayMesh::new(vertices, elements, faces, face_of), origin, roots }
+        Displayed { mesh: DisplayMesh::new(vertices, elements, faces, face_of), origin, roots, leaves }
     }
 }
 

@@ -5,6 +5,7 @@
 pub mod contact;
 pub mod draft;
 pub mod face;
+pub mod fit;
 pub mod gather;
 pub mod media;
 pub mod patch;

@@ -6,11 +6,12 @@ use catoptric_light::irradiance::Scratch;
 use catoptric_light::{LightParams, Lights};
 use catoptric_scene::{Cancelled, Progress, Rgb, TriangleId};
 use catoptric_solution::{PatchRadiosity, Quality, Solution, Term};
-use catoptric_trace::sequence::{Key, Purpose};
+use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use catoptric_trace::walk::WalkParams;
 use catoptric_trace::{Ledger, Tracer};
 
 use crate::draft::{Displayed, Draft};
+use crate::fit::{FitParams, FitSample, fit};
 use crate::gather::{DiffuseLight, Gathered, gather};
 use crate::media::find_media;
 use crate::patch::{PatchId, PatchMesh};
@@ -33,6 +34,12 @@ pub struct SolveParams {
     pub sources: RefineParams,
     /// Shadow rays per vertex.
     pub shadow_rays: u32,
+    /// Points inside an element at which the light of sources is sampled for the fit, and shadow rays at each.
+    pub fit_points: u32,
+    /// Shadow rays at each of them.
+    pub fit_rays: u32,
+    /// The least-squares fit.
+    pub fit: FitParams,
     /// Rays of a form factor row.
     pub row_rays: u32,
     /// Rays of a final gather.
@@ -62,6 +69,9 @@ impl SolveParams {
             base_triangles,
             sources: RefineParams { tolerance, floor: 0.1, rounds: 7, max_vertices, min_edge: 0.0 },
             shadow_rays,
+            fit_points: 2,
+            fit_rays: shadow_rays / 2,
+            fit: FitParams::default(),
             row_rays,
             gather_rays,
             solver: SolverParams::default(),
@@ -177,8 +187,12 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     progress.begin("sources", params.sources.max_vertices as u64);
     let field = SourceField { lights: &lights, params, found: std::sync::Mutex::default() };
     let mut values = Values { values: Vec::new() };
-    let source_params = RefineParams { min_edge: tracer.diagonal() / 2000.0, ..params.sources };
     let base_vertices = draft.vertices.len();
+    let source_params = RefineParams {
+        min_edge: tracer.diagonal() / 2000.0,
+        max_vertices: params.sources.max_vertices + base_vertices,
+        ..params.sources
+    };
     refine(tracer, &mut draft, &field, &mut values, &source_params, progress)?;
     let mut sources = collect(&field, draft.vertices.len());
 
@@ -249,11 +263,91 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     ];
 
     // The display mesh with every term.
-    let result = assemble(tracer, &draft, &sources, &gathered, &patches, &solution.indirect, &sent);
+    let mut result = assemble(tracer, &draft, &sources, &gathered, &patches, &solution.indirect, &sent);
+    fit_sources(&lights, &draft, &sources, &mut result, params, spacing, progress)?;
     report.faces = result.mesh.faces.len();
     report.elements = result.mesh.elements.len();
     report.vertices = result.mesh.vertices.len();
     Ok(Solved { solution: result, report })
+}
+
+/// Replaces the point samples of direct and mirrored light by their least-squares fit.
+fn fit_sources(
+    lights: &Lights,
+    draft: &Draft,
+    sources: &[SourceLight],
+    result: &mut Solution,
+    params: &SolveParams,
+    spacing: f32,
+    progress: &dyn Progress,
+) -> Result<(), Cancelled> {
+    if !lights.has_sources() || params.fit_points == 0 {
+        return Ok(());
+    }
+    let tracer = lights.tracer();
+    let displayed = draft.display(tracer);
+    let mesh = &displayed.mesh;
+    progress.begin("fit", mesh.elements.len() as u64);
+    // Small elements of finely tessellated surfaces share: as many points as their area is worth, but refined ones, which
+    // are small because light varies there, get all.
+    let whole = 0.5 * spacing * spacing;
+    let level_of: Vec<u8> = displayed.leaves.iter().map(|&l| draft.leaves[l as usize].level).collect();
+    let samples: Vec<FitSample> = (0..mesh.elements.len() as u32)
+        .flat_map(|element| {
+            let area = mesh.area(element);
+            let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(element));
+            let expected = params.fit_points as f32 * (area / whole).min(1.0);
+            let count = if level_of[element as usize] > 0 {
+                params.fit_points
+            } else {
+                (expected + key.uniform(0)).floor() as u32
+            };
+            (0..count).map(move |index| {
+                let (u, v) = triangle_point(key.point2(index));
+                FitSample { element, weights: [1.0 - u - v, u, v], area: area / count as f32 }
+            })
+        })
+        .collect();
+    let found: Vec<(Rgb, Rgb)> = samples
+        .par_iter()
+        .enumerate()
+        .with_min_len(32)
+        .map_init(Scratch::default, |scratch, (index, sample)| {
+            if progress.is_cancelled() {
+                return (Rgb::ZERO, Rgb::ZERO);
+            }
+            let receiver = draft.receiver_inside(tracer, &displayed, sample.element, sample.weights);
+            let key = Key::new(params.seed, Purpose::Emitter, index as u64 | 1 << 40);
+            let direct = lights.direct(&receiver, params.fit_rays, key, scratch).irradiance;
+            let mirrored = lights.mirrored(&receiver, params.fit_rays, key.child(1), scratch).irradiance;
+            (direct, mirrored)
+        })
+        .collect();
+    if progress.is_cancelled() {
+        return Err(Cancelled);
+    }
+    for (term, values) in [
+        (Term::Direct, found.iter().map(|f| f.0).collect::<Vec<Rgb>>()),
+        (Term::Mirrored, found.iter().map(|f| f.1).collect()),
+    ] {
+        let prior: Vec<Rgb> = displayed
+            .origin
+            .iter()
+            .map(|&v| {
+                let source = &sources[v as usize];
+                if term == Term::Direct { source.direct } else { source.mirrored }
+            })
+            .collect();
+        if prior.iter().all(|p| *p == Rgb::ZERO) && values.iter().all(|v| *v == Rgb::ZERO) {
+            continue;
+        }
+        let fitted = fit(mesh, &samples, &values, &prior, &params.fit);
+        // What the gather added to the term (the dim sky, chains on no list) stays.
+        for ((kept, fitted), prior) in result.irradiance[term.index()].iter_mut().zip(fitted).zip(prior) {
+            *kept += fitted - prior;
+        }
+    }
+    Ok(())
 }
 
 /// Edge length for which the diffuse area gives about `count` triangles.

@@ -194,7 +194,7 @@ impl Material {
             diffuse_transmission: self.diffuse_transmission * body,
             mirror,
             coat: if body > 0.0 { coat } else { 0.0 },
-            coat_share: body,
+            coat_share: body + rough_metal,
             clearcoat: f.clearcoat.clamp(0.0, 1.0),
             transmission,
             transmission_kind: self.transmission_kind,
@@ -230,7 +230,7 @@ pub struct SurfacePoint {
     pub mirror: Rgb,
     /// Strength s ∈ [0, 1] of the dielectric interface over the diffuse share: reflects s·F(θ), transmits 1 − s·F(θ).
     pub coat: f32,
-    /// Share of the surface that lies under `coat`.
+    /// Share of the surface that is diffuse, rough metal included: it lies under `coat` and `clearcoat`.
     pub coat_share: f32,
     /// Strength of a clearcoat (ior 1.5) over everything.
     pub clearcoat: f32,

@@ -16,6 +16,9 @@ pub struct Refraction {
 #[inline]
 pub fn refract(cos_incident: f32, n1: f32, n2: f32) -> Refraction {
     let cos_incident = cos_incident.clamp(0.0, 1.0);
+    if n1 == n2 {
+        return Refraction { reflectance: 0.0, cos_transmitted: cos_incident };
+    }
     let ratio = n1 / n2;
     let sin2_transmitted = ratio * ratio * (1.0 - cos_incident * cos_incident);
     if sin2_transmitted >= 1.0 {
@@ -26,8 +29,6 @@ pub fn refract(cos_incident: f32, n1: f32, n2: f32) -> Refraction {
         (n1 * cos_incident - n2 * cos_transmitted) / (n1 * cos_incident + n2 * cos_transmitted);
     let parallel = (n2 * cos_incident - n1 * cos_transmitted) / (n2 * cos_incident + n1 * cos_transmitted);
     let reflectance = 0.5 * (perpendicular * perpendicular + parallel * parallel);
-    // Equal indices at grazing incidence give 0/0: no interface, no reflection.
-    let reflectance = if reflectance.is_nan() { 0.0 } else { reflectance };
     Refraction { reflectance, cos_transmitted }
 }
 
@@ -42,16 +43,27 @@ pub struct DiffuseFresnel {
 
 /// Averages for the index `n`.
 pub fn diffuse(n: f32) -> DiffuseFresnel {
-    // Composite midpoint in μ² = cos²θ: 2 cosθ sinθ dθ = d(μ²); 256 points give 1e-6 (F is smooth but for μ → 0).
-    const STEPS: usize = 256;
-    let mut sum = 0.0_f64;
-    for step in 0..STEPS {
-        let mu = ((step as f64 + 0.5) / STEPS as f64).sqrt();
-        sum += f64::from(refract(mu as f32, 1.0, n).reflectance);
-    }
-    let external = sum / STEPS as f64;
+    let external = cosine_mean(1024, |cos| f64::from(refract(cos, 1.0, n).reflectance));
     let internal = 1.0 - (1.0 - external) / f64::from(n * n);
     DiffuseFresnel { external: external as f32, internal: internal as f32 }
+}
+
+/// ∫ f(μ) 2μ dμ over [0, 1] by Simpson's rule of `steps` (even) intervals. In μ = cosθ the functions of Fresnel are
+/// smooth; in μ², where the weight is uniform, they have a root at grazing incidence.
+pub(crate) fn cosine_mean(steps: usize, f: impl Fn(f32) -> f64) -> f64 {
+    let sum: f64 = (0..=steps)
+        .map(|step| {
+            let mu = step as f64 / steps as f64;
+            let weight = match step {
+                0 => 1.0,
+                _ if step == steps => 1.0,
+                _ if step % 2 == 1 => 4.0,
+                _ => 2.0,
+            };
+            weight * 2.0 * mu * f(mu as f32)
+        })
+        .sum();
+    sum / (3.0 * steps as f64)
 }
 
 /// A thin pane of internal transmittance `tint` per pass: reflectance and transmittance with all internal bounces,

@@ -44,6 +44,8 @@ pub struct Interaction {
     pub transmittance: Rgb,
     /// Radiance emitted towards the ray's origin.
     pub emission: Radiance,
+    /// Radiance that only the eye sees (`KHR_materials_unlit`): it lights nothing.
+    pub shown: Radiance,
     /// Share that is absorbed because a reflected or refracted direction lies below the geometric surface.
     pub below: Rgb,
     branches: [Branch; 3],
@@ -111,9 +113,10 @@ impl Coat {
         if self.strength == 0.0 && self.clearcoat == 0.0 {
             return 1.0;
         }
-        let under = 1.0 - self.strength * fresnel::refract(cos, 1.0, self.ior).reflectance;
-        let over = 1.0 - self.clearcoat * fresnel::refract(cos, 1.0, CLEARCOAT_IOR).reflectance;
-        under * over
+        let under = self.strength * fresnel::refract(cos, 1.0, self.ior).reflectance;
+        let over = self.clearcoat * fresnel::refract(cos, 1.0, CLEARCOAT_IOR).reflectance;
+        // Light goes to and fro between the two interfaces: Σ (over·under)^k.
+        (1.0 - over) * (1.0 - under) / (1.0 - over * under).max(f32::MIN_POSITIVE)
     }
 
     /// Whether there is any.
@@ -121,6 +124,22 @@ impl Coat {
     pub fn is_none(&self) -> bool {
         self.strength == 0.0 && self.clearcoat == 0.0
     }
+}
+
+/// Reflectance of something of reflectance `below` under a lossless interface that reflects `over`, all bounces
+/// between them included: R = o + (1−o)²r/(1−or).
+#[inline]
+fn layered(over: f32, below: Rgb) -> Rgb {
+    if over == 0.0 {
+        return below;
+    }
+    Rgb::splat(over) + below * (1.0 - over) * reaches(over, below)
+}
+
+/// Share of light that gets through such an interface to what is below, all bounces included: (1−o)/(1−or).
+#[inline]
+fn reaches(over: f32, below: Rgb) -> Rgb {
+    Rgb::splat(1.0 - over) / (Rgb::ONE - below * over).max(Rgb::splat(f32::MIN_POSITIVE))
 }
 
 impl Tracer<'_> {
@@ -155,7 +174,11 @@ impl Tracer<'_> {
         let own = self.coat_averages(triangle);
         let n2 = point.ior * point.ior;
         let clear = self.clearcoat_averages();
-        let mean = (1.0 - coat.strength * own.external) * (1.0 - coat.clearcoat * clear.external);
+        let mean = if coat.strength > 0.0 && coat.clearcoat > 0.0 {
+            fresnel::cosine_mean(64, |cos| f64::from(coat.transmittance(cos))) as f32
+        } else {
+            1.0 - coat.strength * own.external - coat.clearcoat * clear.external
+        };
         let trapped = coat.strength * n2 * own.internal
             + coat.clearcoat * CLEARCOAT_IOR * CLEARCOAT_IOR * clear.internal;
         let share = point.coat_share.max(1e-6);
@@ -179,6 +202,7 @@ impl Tracer<'_> {
             reflectance: Rgb::ZERO,
             transmittance: Rgb::ZERO,
             emission: Radiance::ZERO,
+            shown: Radiance::ZERO,
             below: Rgb::ZERO,
             branches: [nothing; 3],
             count: 0,
@@ -191,14 +215,24 @@ impl Tracer<'_> {
 
         // Opaque parts of a single-sided surface are black from behind; panes and solids act from both sides.
         let visible = side == Side::Front || acts_behind;
-        let body = if visible { 1.0 } else { 0.0 };
         let cos = (-direction.dot(normal)).clamp(0.0, 1.0);
         let coat = Coat { strength: point.coat, ior: point.ior, clearcoat: point.clearcoat };
-        let over = if coat.clearcoat > 0.0 && visible {
-            coat.clearcoat * fresnel::refract(cos, 1.0, CLEARCOAT_IOR).reflectance
-        } else {
-            0.0
+        let clearcoat = |cos_in_air: f32| {
+            if coat.clearcoat == 0.0 {
+                return 0.0;
+            }
+            coat.clearcoat * fresnel::refract(cos_in_air, 1.0, CLEARCOAT_IOR).reflectance
         };
+
+        // Unlit surfaces are for the eye: light meets something black.
+        if material.unlit {
+            if visible {
+                result.shown = Radiance(point.tint * point.opacity);
+            }
+            let throughput = Rgb::splat(straight_alpha);
+            result.push(Branch { throughput, ..nothing });
+            return result;
+        }
 
         // The diffuse side.
         if visible {
@@ -212,11 +246,20 @@ impl Tracer<'_> {
         }
 
         // Mirror, coat and the reflecting part of panes and solids share one direction.
-        let mut reflected = point.mirror * body;
-        if coat.strength > 0.0 && visible {
-            reflected += Rgb::splat(
-                point.coat_share * coat.strength * fresnel::refract(cos, 1.0, point.ior).reflectance,
-            );
+        // Each share (metal, body, what transmits) lies under the clearcoat with its own bounces.
+        let mut reflected = Rgb::ZERO;
+        if visible {
+            let over = clearcoat(cos);
+            let metal = (1.0 - point.coat_share - point.transmission).max(0.0);
+            if over == 0.0 {
+                reflected += point.mirror;
+            } else if metal > 0.0 {
+                reflected += layered(over, (point.mirror / metal).min(Rgb::ONE)) * metal;
+            }
+            if coat.strength > 0.0 || over > 0.0 {
+                let own = coat.strength * fresnel::refract(cos, 1.0, point.ior).reflectance;
+                reflected += layered(over, Rgb::splat(own)) * point.coat_share;
+            }
         }
         let mut straight = Rgb::splat(straight_alpha);
         let mut refracted = None;
@@ -232,20 +275,26 @@ impl Tracer<'_> {
                     (n_outside, n_inside, media.entered(inside))
                 };
                 let interface = fresnel::refract(cos, n1, n2);
-                reflected += Rgb::splat(point.transmission * interface.reflectance);
+                // The clearcoat lies outside: from inside its bounces come after the glass's own interface.
+                let own = Rgb::splat(interface.reflectance);
+                let over = clearcoat(if hit.back { interface.cos_transmitted } else { cos });
+                let passes = reaches(over, own) * (1.0 - interface.reflectance);
+                reflected +=
+                    if hit.back { Rgb::ONE - passes } else { layered(over, own) } * point.transmission;
                 if interface.reflectance < 1.0 {
                     let ratio = n1 / n2;
                     let towards = direction * ratio + normal * (ratio * cos - interface.cos_transmitted);
-                    let share = point.tint * (point.transmission * (1.0 - interface.reflectance));
+                    let share = point.tint * passes * point.transmission;
                     refracted = Some((towards.normalize_or_zero(), share, after));
                 }
             } else {
                 let (r, t) = fresnel::pane(cos, point.ior, point.tint);
-                reflected += r * point.transmission;
-                straight += t * (point.transmission * point.opacity * (1.0 - over));
+                let over = clearcoat(cos);
+                reflected += layered(over, r) * point.transmission;
+                straight += t * reaches(over, r) * (point.transmission * point.opacity);
             }
         }
-        let reflected = (Rgb::splat(over) + reflected * ((1.0 - over) * (1.0 - over))) * point.opacity;
+        let reflected = reflected * point.opacity;
 
         // Directions below the geometric surface are absorbed (smooth normals near the silhouette).
         if reflected.max_element() > 0.0 {
@@ -261,7 +310,7 @@ impl Tracer<'_> {
             }
         }
         if let Some((towards, share, after)) = refracted {
-            let throughput = share * (point.opacity * (1.0 - over));
+            let throughput = share * point.opacity;
             if towards.dot(geometric) < 0.0 {
                 result.push(Branch { direction: towards, throughput, event: Event::Curved, media: after });
             } else {

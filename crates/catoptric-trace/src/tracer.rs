@@ -7,7 +7,7 @@ use catoptric_scene::{AlphaMode, Barycentric, Rgb, Scene, Transmission, Triangle
 use crate::fresnel::{self, DiffuseFresnel};
 use crate::medium::Media;
 use crate::plane::{PlaneId, Planes};
-use crate::tree::{CUT_OUT, Facet, Nearest, Occlusion, PASSES, Probe, Tree};
+use crate::tree::{CUT_OUT, Facet, Nearest, Occlusion, PASSES, Probe, TRANSMITS, Tree};
 
 /// A ray. Everything in the plane `from` is ignored, exactly: no offsets.
 #[derive(Clone, Copy, Debug)]
@@ -65,6 +65,8 @@ pub struct Tracer<'a> {
     media: Media,
     /// Per plane: flat mirrors, panes and coats large enough to have images.
     has_images: Vec<bool>,
+    /// Per plane: holds things that transmit light and things that do not.
+    mixed: Vec<bool>,
     /// Per triangle: plain Lambertian without texture, alpha or coat.
     lambertian: Vec<bool>,
     averages: Vec<DiffuseFresnel>,
@@ -93,7 +95,12 @@ impl<'a> Tracer<'a> {
                 AlphaMode::Mask { .. } => CUT_OUT,
                 AlphaMode::Blend => PASSES,
                 AlphaMode::Opaque => 0,
-            } | if m.transmission > 0.0 && m.transmission_kind == Transmission::Pane { PASSES } else { 0 })
+            } | match m.transmission_kind {
+                _ if m.transmission <= 0.0 => 0,
+                Transmission::Pane => PASSES,
+                Transmission::Solid => TRANSMITS,
+            })
+            .map(|flags| if flags & PASSES != 0 { flags | TRANSMITS } else { flags })
             .collect();
         let facets: Vec<Facet> = order
             .iter()
@@ -108,6 +115,10 @@ impl<'a> Tracer<'a> {
             })
             .collect();
         let tree = Tree::build(&facets);
+        let mut kinds = vec![0_u8; planes.len()];
+        for facet in &facets {
+            kinds[facet.plane.0 as usize] |= if facet.flags & TRANSMITS != 0 { 1 } else { 2 };
+        }
         let has_images = planes_with_images(scene, &planes);
         let lambertian = scene
             .triangles()
@@ -128,6 +139,7 @@ impl<'a> Tracer<'a> {
             tree,
             media: Media::new(scene),
             has_images,
+            mixed: kinds.iter().map(|&kind| kind == 3).collect(),
             lambertian,
             averages: scene.materials().iter().map(|m| fresnel::diffuse(m.ior)).collect(),
             clearcoat: fresnel::diffuse(1.5),
@@ -206,10 +218,28 @@ impl<'a> Tracer<'a> {
     }
 
     /// The nearest hit within `limit`, of any kind; holes of cut-outs are no hits.
+    ///
+    /// Where glass, a pane or a blended surface lies in one plane with something opaque (a vase on a table), the
+    /// opaque one is met: light that passed the other would leave the plane, and with it what lies in it, behind.
     #[inline]
     pub fn nearest(&self, ray: &Ray, limit: f32) -> Option<Hit> {
         let probe = Probe::new(ray.origin, ray.direction, [ray.from, PlaneId::NONE]);
-        self.tree.nearest(&probe, limit, |n| self.is_solid_here(n)).map(|n| Hit::new(&n))
+        let nearest = self.tree.nearest(&probe, limit, |n| self.is_solid_here(n))?;
+        if nearest.flags & TRANSMITS != 0 && self.mixed[nearest.plane.0 as usize] {
+            return Some(Hit::new(&self.opaque_beside(ray, &probe, &nearest).unwrap_or(nearest)));
+        }
+        Some(Hit::new(&nearest))
+    }
+
+    /// What is opaque at the place of `nearest`, in the same plane.
+    #[cold]
+    fn opaque_beside(&self, ray: &Ray, probe: &Probe, nearest: &Nearest) -> Option<Nearest> {
+        // Planes are one within 1e-6 of the scene's reach: along the ray that is longer by 1/cosθ.
+        let normal = self.scene.geometric_normal(TriangleId(nearest.id));
+        let slope = ray.direction.length_squared() / ray.direction.dot(normal).abs().max(1e-4);
+        let reach = self.center.abs().max_element() + self.diagonal;
+        let slack = nearest.t * 1e-6 + reach * 4e-6 * slope;
+        self.tree.opaque_in_plane(probe, nearest.t + slack, nearest.plane, |n| self.is_solid_here(n))
     }
 
     /// Share of light that gets straight from `origin` (in the plane `from`) to `target` (in the plane `to`): 0 or 1,

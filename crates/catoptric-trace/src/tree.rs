@@ -19,6 +19,8 @@ use crate::plane::PlaneId;
 pub(crate) const CUT_OUT: u8 = 1;
 /// Lets light pass undeviated (pane or blended alpha).
 pub(crate) const PASSES: u8 = 2;
+/// Lets light pass at all, refracted or not.
+pub(crate) const TRANSMITS: u8 = 4;
 
 /// One triangle for the tree.
 #[derive(Clone, Copy, Debug)]
@@ -80,6 +82,8 @@ pub(crate) struct Nearest {
     pub(crate) u: f32,
     pub(crate) v: f32,
     pub(crate) back: bool,
+    pub(crate) plane: PlaneId,
+    pub(crate) flags: u8,
 }
 
 impl Probe {
@@ -317,9 +321,35 @@ impl Tree {
                 if !nearer || probe.ignore.contains(&packet.planes[lane]) {
                     continue;
                 }
-                let candidate = candidates.hit(lane, id);
+                let candidate = candidates.hit(lane, packet);
                 if packet.flags[lane] & CUT_OUT == 0 || accept(&candidate) {
                     limit = t;
+                    best = Some(candidate);
+                }
+            }
+            Some(limit)
+        });
+        best
+    }
+
+    /// The lowest id among the triangles in `plane` that let nothing pass, with t ≤ `limit`.
+    pub(crate) fn opaque_in_plane(
+        &self,
+        probe: &Probe,
+        limit: f32,
+        plane: PlaneId,
+        accept: impl Fn(&Nearest) -> bool,
+    ) -> Option<Nearest> {
+        let mut best: Option<Nearest> = None;
+        self.traverse(probe, limit, |packet, limit| {
+            let Some(candidates) = packet.intersect(probe, limit) else { return Some(limit) };
+            for lane in (0..4).filter(|lane| candidates.mask >> lane & 1 == 1) {
+                let candidate = candidates.hit(lane, packet);
+                let wanted = candidate.plane == plane && candidate.flags & TRANSMITS == 0;
+                if !wanted || best.as_ref().is_some_and(|b| b.id < candidate.id) {
+                    continue;
+                }
+                if candidate.flags & CUT_OUT == 0 || accept(&candidate) {
                     best = Some(candidate);
                 }
             }
@@ -347,7 +377,7 @@ impl Tree {
                 if candidates.t[lane] >= limit || probe.ignore.contains(&packet.planes[lane]) {
                     continue;
                 }
-                if packet.flags[lane] & CUT_OUT != 0 && !accept(&candidates.hit(lane, packet.ids[lane])) {
+                if packet.flags[lane] & CUT_OUT != 0 && !accept(&candidates.hit(lane, packet)) {
                     continue;
                 }
                 if packet.flags[lane] & PASSES != 0 {
@@ -401,8 +431,16 @@ struct Candidates {
 
 impl Candidates {
     #[inline]
-    fn hit(&self, lane: usize, id: u32) -> Nearest {
-        Nearest { t: self.t[lane], id, u: self.u[lane], v: self.v[lane], back: self.back >> lane & 1 == 1 }
+    fn hit(&self, lane: usize, packet: &Packet) -> Nearest {
+        Nearest {
+            t: self.t[lane],
+            id: packet.ids[lane],
+            u: self.u[lane],
+            v: self.v[lane],
+            back: self.back >> lane & 1 == 1,
+            plane: PlaneId(packet.planes[lane]),
+            flags: packet.flags[lane],
+        }
     }
 }
 

@@ -122,7 +122,8 @@ pub fn choose(
         let kept = throughput * (Rgb::ONE - passed_on);
         if receives {
             ledger.arrived += entry(kept);
-        } else if interaction.branches().is_empty() && hit.back {
+        } else if hit.back && interaction.branches().iter().all(|b| b.event == Event::Undeviated) {
+            // Nothing but alpha lets light go on from behind.
             ledger.black_backs += entry(kept);
         } else {
             ledger.absorbed += entry(kept);
@@ -190,7 +191,12 @@ pub fn follow(
     let mut throughput = Rgb::ONE;
     let mut ray = Ray { origin, direction: Vec3::ZERO, from };
     for (&plane, &target) in planes.iter().zip(targets) {
-        ray.direction = (target - ray.origin).normalize_or_zero();
+        let aim = (target - ray.origin).normalize_or_zero();
+        // A target behind the last mirror is not seen in it.
+        if aim.dot(ray.direction) < 0.0 {
+            return Rgb::ZERO;
+        }
+        ray.direction = aim;
         // Straight on through whatever lets light pass, up to the mirror.
         let mut crossings = 0;
         loop {
@@ -213,6 +219,7 @@ pub fn follow(
         }
     }
     match targets.last() {
+        Some(&target) if (target - ray.origin).dot(ray.direction) < 0.0 => Rgb::ZERO,
         Some(&target) => throughput * tracer.visibility(ray.origin, ray.from, target, to),
         None => Rgb::ZERO,
     }

@@ -34,7 +34,7 @@ fn tessellated_box(n: u32, rotation: Quat, shift: Vec3) -> Scene {
         }
         parts.add_triangles(&format!("face {face}"), white, &positions, &indices);
     }
-    Scene::new(parts).expect("a closed box is a valid scene")
+    Scene::new(parts).expect("a valid scene")
 }
 
 /// CRATES: obvhs's own test missed 1–10 % of rays aimed exactly at vertices and edges. Here none may be missed where the
@@ -181,4 +181,29 @@ fn visibility_sees_blockers_only_between_its_ends() {
     assert!(see(Vec3::new(3.1, 0.2, 1.0), Vec3::new(3.1, 0.2, -1.0)));
     let wall = tracer.planes().of(TriangleId(0));
     assert_eq!(tracer.visibility(Vec3::new(0.0, 0.3, 0.0), wall, Vec3::new(0.0, 0.3, -1.0), none), Rgb::ONE);
+}
+
+/// A camera a million rooms away rounds the boxes' distances by more than the scene's padding: the answer must still
+/// be that of the triangles, whatever the tree.
+#[test]
+fn far_origins_change_no_hit_between_trees() {
+    let scene = tessellated_box(12, Quat::from_rotation_y(0.2), Vec3::ZERO);
+    let count = scene.triangles().len() as u32;
+    let key = Key::new(6, Purpose::Test, 0);
+    let mut shuffled: Vec<u32> = (0..count).collect();
+    shuffled.sort_by_key(|&i| key.bits(i));
+    let plain = Tracer::new(&scene);
+    let other = Tracer::with_order(&scene, &shuffled);
+    for distance in [1e2, 1e3, 1e4, 1e5] {
+        let mut hits = 0;
+        for i in 0..20_000 {
+            let target = uniform_sphere(key.point2(i)) * 3.0;
+            let origin = uniform_sphere(key.child(1).point2(i)) * distance;
+            let ray = Ray::free(origin, (target - origin).normalize_or_zero());
+            let (a, b) = (plain.nearest(&ray, f32::INFINITY), other.nearest(&ray, f32::INFINITY));
+            assert_eq!(a, b, "distance {distance}, ray {i}");
+            hits += usize::from(a.is_some());
+        }
+        assert!(hits > 19_000, "distance {distance}: {hits} of 20000");
+    }
 }

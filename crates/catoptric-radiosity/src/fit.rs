@@ -1,0 +1,194 @@
+//! Vertex values by least squares (Kavan, Bargteil & Sloan 2011): the piecewise-linear irradiance that is nearest to
+//! samples taken anywhere inside the elements, instead of one that touches them at the vertices.
+//!
+//! Minimises Σ_s a_s (f(x_s) − h_s)² + λ Σ_v m_v (f_v − p_v)², a_s the area that a sample stands for, p_v the point
+//! sample at the vertex and m_v a third of the area around it. Hat functions sum to one, so without the prior the fit
+//! keeps the integral: Σ a_s (f(x_s) − h_s) = 0. The prior holds vertices that few samples reach.
+
+use catoptric_scene::Rgb;
+use catoptric_solution::DisplayMesh;
+
+/// A sample inside an element.
+#[derive(Clone, Copy, Debug)]
+pub struct FitSample {
+    /// The element.
+    pub element: u32,
+    /// Barycentric weights of its corners.
+    pub weights: [f32; 3],
+    /// Area that it stands for, m².
+    pub area: f32,
+}
+
+/// Parameters of the fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FitParams {
+    /// λ: weight of the point samples at the vertices.
+    pub prior: f32,
+    /// Steps of the conjugate gradients at most.
+    pub max_steps: usize,
+    /// Residual relative to the right-hand side at which they stop.
+    pub tolerance: f64,
+}
+
+impl Default for FitParams {
+    fn default() -> Self {
+        Self { prior: 0.05, max_steps: 60, tolerance: 1e-4 }
+    }
+}
+
+/// Fits `values[s]` at `samples[s]`, starting from and held by `prior` per vertex. Never negative.
+pub fn fit(
+    mesh: &DisplayMesh,
+    samples: &[FitSample],
+    values: &[Rgb],
+    prior: &[Rgb],
+    params: &FitParams,
+) -> Vec<Rgb> {
+    let count = mesh.vertices.len();
+    let mut mass = vec![0.0_f32; count];
+    for element in 0..mesh.elements.len() as u32 {
+        let third = mesh.area(element) / 3.0;
+        for v in mesh.elements[element as usize].vertices {
+            mass[v as usize] += third * params.prior;
+        }
+    }
+    let corners = |s: &FitSample| mesh.elements[s.element as usize].vertices;
+    let apply = |x: &[Rgb], out: &mut Vec<Rgb>| {
+        out.clear();
+        out.extend(x.iter().zip(&mass).map(|(&x, &m)| x * m));
+        for s in samples {
+            let [a, b, c] = corners(s).map(|v| v as usize);
+            let value = (x[a] * s.weights[0] + x[b] * s.weights[1] + x[c] * s.weights[2]) * s.area;
+            out[a] += value * s.weights[0];
+            out[b] += value * s.weights[1];
+            out[c] += value * s.weights[2];
+        }
+    };
+
+    // Right-hand side and diagonal (Jacobi preconditioner).
+    let mut right: Vec<Rgb> = prior.iter().zip(&mass).map(|(&p, &m)| p * m).collect();
+    let mut diagonal = mass.clone();
+    for (s, &value) in samples.iter().zip(values) {
+        for (v, w) in corners(s).into_iter().zip(s.weights) {
+            right[v as usize] += value * (w * s.area);
+            diagonal[v as usize] += w * w * s.area;
+        }
+    }
+    let inverse: Vec<f32> = diagonal.iter().map(|&d| if d > 0.0 { 1.0 / d } else { 0.0 }).collect();
+
+    // Preconditioned conjugate gradients on the normal equations, one system for all channels.
+    let mut x = prior.to_vec();
+    let mut product = Vec::with_capacity(count);
+    apply(&x, &mut product);
+    let mut residual: Vec<Rgb> = right.iter().zip(&product).map(|(&r, &p)| r - p).collect();
+    let dot = |a: &[Rgb], b: &[Rgb]| -> f64 { a.iter().zip(b).map(|(a, b)| f64::from(a.dot(*b))).sum() };
+    let scaled = |r: &[Rgb]| -> Vec<Rgb> { r.iter().zip(&inverse).map(|(&r, &i)| r * i).collect() };
+    let mut z = scaled(&residual);
+    let mut direction = z.clone();
+    let mut energy = dot(&residual, &z);
+    let goal = params.tolerance * params.tolerance * dot(&right, &scaled(&right));
+    for _ in 0..params.max_steps {
+        if energy <= goal || energy <= 0.0 {
+            break;
+        }
+        apply(&direction, &mut product);
+        let curvature = dot(&direction, &product);
+        if curvature <= 0.0 {
+            break;
+        }
+        let step = (energy / curvature) as f32;
+        for i in 0..count {
+            x[i] += direction[i] * step;
+            residual[i] -= product[i] * step;
+        }
+        z = scaled(&residual);
+        let next = dot(&residual, &z);
+        let beta = (next / energy) as f32;
+        energy = next;
+        for i in 0..count {
+            direction[i] = z[i] + direction[i] * beta;
+        }
+    }
+    for value in &mut x {
+        *value = value.max(Rgb::ZERO);
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catoptric_scene::{Side, TriangleId};
+    use catoptric_solution::{DisplayVertex, Element, Face, FaceId};
+    use glam::Vec3;
+
+    fn strip(n: u32) -> DisplayMesh {
+        let vertex = |x: f32, y: f32| DisplayVertex {
+            position: Vec3::new(x, y, 0.0),
+            normal: Vec3::Z,
+            triangle: TriangleId(0),
+            side: Side::Front,
+        };
+        let vertices = (0..=n).flat_map(|i| [vertex(i as f32, 0.0), vertex(i as f32, 1.0)]).collect();
+        let elements: Vec<Element> = (0..n)
+            .flat_map(|i| {
+                let k = 2 * i;
+                [Element { vertices: [k, k + 2, k + 3] }, Element { vertices: [k, k + 3, k + 1] }]
+            })
+            .collect();
+        let count = elements.len() as u32;
+        let face = Face { elements: 0..count, origin: Vec3::ZERO, axes: [Vec3::X, Vec3::Y], medium: 0 };
+        DisplayMesh::new(vertices, elements, vec![face], [vec![FaceId(0)], vec![FaceId::NONE]])
+    }
+
+    fn samples(mesh: &DisplayMesh) -> Vec<FitSample> {
+        let at = [[0.6, 0.2, 0.2], [0.2, 0.6, 0.2], [0.2, 0.2, 0.6]];
+        (0..mesh.elements.len() as u32)
+            .flat_map(|element| {
+                at.map(|weights| FitSample { element, weights, area: mesh.area(element) / 3.0 })
+            })
+            .collect()
+    }
+
+    fn position(mesh: &DisplayMesh, s: &FitSample) -> Vec3 {
+        mesh.elements[s.element as usize]
+            .vertices
+            .iter()
+            .zip(s.weights)
+            .map(|(&v, w)| mesh.vertices[v as usize].position * w)
+            .sum()
+    }
+
+    #[test]
+    fn linear_light_is_reproduced() {
+        let mesh = strip(8);
+        let samples = samples(&mesh);
+        let light = |p: Vec3| Rgb::new(1.0 + p.x, 2.0 + p.y, 3.0);
+        let values: Vec<Rgb> = samples.iter().map(|s| light(position(&mesh, s))).collect();
+        let prior = vec![Rgb::ONE; mesh.vertices.len()];
+        let params = FitParams { prior: 1e-6, max_steps: 400, tolerance: 1e-7 };
+        for (v, value) in fit(&mesh, &samples, &values, &prior, &params).iter().enumerate() {
+            assert!((*value - light(mesh.vertices[v].position)).length() < 1e-3, "vertex {v}: {value}");
+        }
+    }
+
+    /// A bump that point samples at the vertices would overestimate keeps its integral.
+    #[test]
+    fn the_integral_of_the_samples_is_kept() {
+        let mesh = strip(6);
+        let samples = samples(&mesh);
+        let values: Vec<Rgb> =
+            samples.iter().map(|s| Rgb::splat(1.0 / (1.0 + (position(&mesh, s).x - 3.0).powi(2)))).collect();
+        let prior = vec![Rgb::ONE; mesh.vertices.len()];
+        let params = FitParams { prior: 1e-7, max_steps: 400, tolerance: 1e-8 };
+        let fitted = fit(&mesh, &samples, &values, &prior, &params);
+        let sent: f32 = samples.iter().zip(&values).map(|(s, v)| s.area * v.x).sum();
+        let kept: f32 = (0..mesh.elements.len() as u32)
+            .map(|e| {
+                let corners = mesh.elements[e as usize].vertices;
+                mesh.area(e) * corners.iter().map(|&v| fitted[v as usize].x).sum::<f32>() / 3.0
+            })
+            .sum();
+        assert!((kept / sent - 1.0).abs() < 1e-3, "{kept} {sent}");
+    }
+}

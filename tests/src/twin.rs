@@ -1,0 +1,469 @@
+//! The slow twin: the same [`Scene`](catoptric_scene::Scene) by path tracing, each class of light path apart.
+//!
+//! No mesh, no images, no patches, its own random numbers. It shares with the renderer what exists once on purpose:
+//! `Tracer::nearest`, the surface interaction and the optical constants (they have their own tests). Formulas: path
+//! tracing with the balance heuristic (Veach 1997, §9.2), and for punctual lights light tracing (Dutré 1993).
+//!
+//! The layers are a partition of the light (Heckbert's classes; S* of panes and blended surfaces is *undeviated*):
+//!
+//! | layer | paths |
+//! |---|---|
+//! | `emission` | LE |
+//! | `direct` | LDE, on the way from L to D nothing or undeviated |
+//! | `mirrored` | LS⁺DE, also planar reflections |
+//! | `caustic` | LS⁺DE, also curved reflections or refractions |
+//! | `indirect` | two or more D |
+//! | `specular.…` | the same, S⁺ between the last D (or L) and E |
+//!
+//! From the eye, area lights and the sky are found by hitting them, area lights also by next-event estimation. What
+//! luck seldom finds is left to particles from the lights, each diffuse vertex of which is connected with the pinhole
+//! (`particles.rs`): LS⁺D… of area lights seen directly, and all LS⁺D… of punctual lights, which cannot be hit. What a
+//! particle lights is **not seen through S** other than straight through panes: the `specular.` layers lack LS⁺D… of
+//! punctual lights, and orthographic cameras lack all of it.
+//!
+//! Radiance along a path scales with n²: (n_eye/n_source)² in all. Coats: H_T (see `catoptric_trace::interaction`).
+
+use std::f32::consts::PI;
+
+use catoptric_scene::light::{PunctualKind, PunctualLight};
+use catoptric_scene::{Barycentric, Camera, Projection, Rgb, TriangleId};
+use catoptric_trace::interaction::{Coat, Interaction};
+use catoptric_trace::{Event, Hit, MediumStack, PlaneId, Ray, Tracer};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::particles;
+
+/// Names of the layers, in the order of [`Twin::layers`].
+pub const LAYERS: [&str; 10] = [
+    "emission",
+    "direct",
+    "mirrored",
+    "caustic",
+    "indirect",
+    "specular.emission",
+    "specular.direct",
+    "specular.mirrored",
+    "specular.caustic",
+    "specular.indirect",
+];
+const EMISSION: usize = 0;
+const DIRECT: usize = 1;
+const MIRRORED: usize = 2;
+const CAUSTIC: usize = 3;
+const INDIRECT: usize = 4;
+/// Added to the others where S⁺ stands before the eye.
+pub(crate) const SPECULAR: usize = 5;
+
+/// How much work.
+#[derive(Clone, Copy, Debug)]
+pub struct TwinParams {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Paths per pixel, at least 2 for a standard error.
+    pub samples: u32,
+    /// Particles per punctual light and for all area lights together; 0: LS⁺D… of area lights is found from the eye.
+    pub particles: u32,
+    /// Seed.
+    pub seed: u64,
+}
+
+/// One layer: an estimate per pixel.
+#[derive(Clone, Debug)]
+pub struct Layer {
+    /// Mean radiance.
+    pub mean: Vec<DVec3>,
+    /// Square of the standard error of the mean.
+    pub variance: Vec<DVec3>,
+    /// The largest share that one path had in a pixel's mean.
+    pub peak: DVec3,
+}
+
+/// The answer, row-major.
+#[derive(Clone, Debug)]
+pub struct Twin {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// In the order of [`LAYERS`].
+    pub layers: Vec<Layer>,
+}
+
+/// SplitMix64 (Steele, Lea & Flood 2014): nothing in common with the renderer's sequences.
+pub(crate) struct Random(pub(crate) u64);
+
+impl Random {
+    pub(crate) fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 40) as f32 / (1_u32 << 24) as f32
+    }
+
+    /// A direction about `axis`, uniform over the cap whose cosine is at least `min_cos`.
+    pub(crate) fn in_cap(&mut self, axis: Vec3, min_cos: f32) -> Vec3 {
+        self.around(axis, |u| 1.0 - u * (1.0 - min_cos))
+    }
+
+    /// A direction about `axis` of density cosθ/π.
+    pub(crate) fn cosine(&mut self, axis: Vec3) -> Vec3 {
+        self.around(axis, |u| (1.0 - u).sqrt())
+    }
+
+    fn around(&mut self, axis: Vec3, cos_of: impl Fn(f32) -> f32) -> Vec3 {
+        let cos = cos_of(self.next());
+        let (sin_phi, cos_phi) = libm::sincosf(2.0 * PI * self.next());
+        let tangent = axis.any_orthonormal_vector();
+        let across = tangent * cos_phi + axis.cross(tangent) * sin_phi;
+        (across * (1.0 - cos * cos).max(0.0).sqrt() + axis * cos).normalize_or_zero()
+    }
+}
+
+/// What one path adds to the layers.
+type Shares = [DVec3; 10];
+
+/// What happened since the last diffuse vertex.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Way {
+    undeviated: bool,
+    planar: bool,
+    curved: bool,
+}
+
+impl Way {
+    pub(crate) fn add(&mut self, event: Event) {
+        match event {
+            Event::Undeviated => self.undeviated = true,
+            Event::Planar(_) => self.planar = true,
+            Event::Curved => self.curved = true,
+        }
+    }
+
+    pub(crate) fn is_straight(self) -> bool {
+        !(self.planar || self.curved)
+    }
+
+    /// Layer of light that `bounces` diffuse vertices hand on and that came this way to the first of them.
+    pub(crate) fn layer(self, bounces: u32) -> usize {
+        match bounces {
+            0 => EMISSION,
+            1 if self.is_straight() => DIRECT,
+            1 if !self.curved => MIRRORED,
+            1 => CAUSTIC,
+            _ => INDIRECT,
+        }
+    }
+}
+
+/// Events after which a path is given up. Eye rays along a duct of perfect mirrors meet 1/slope of them: a picture of
+/// it lacks the share 1e-5 of its horizon.
+pub(crate) const MAX_EVENTS: u32 = 100_000;
+
+pub(crate) struct Scenery<'a> {
+    pub(crate) tracer: &'a Tracer<'a>,
+    /// Emitting triangles and their cumulative probabilities.
+    emitters: Vec<(TriangleId, f64)>,
+    /// Probability per area of each triangle.
+    density: Vec<f32>,
+    /// LS⁺D… of area lights, seen directly, is found by particles.
+    particles: bool,
+}
+
+/// Renders a view.
+pub fn render(tracer: &Tracer, camera: &Camera, params: &TwinParams) -> Twin {
+    let scenery = Scenery::new(tracer, camera, params);
+    let pixels = params.width * params.height;
+    let samples = f64::from(params.samples);
+    let sampled: Vec<[(DVec3, DVec3, DVec3); 10]> = (0..pixels)
+        .into_par_iter()
+        .map(|pixel| {
+            let mut random = Random(params.seed.wrapping_mul(0x2545_f491_4f6c_dd1d) ^ (pixel as u64) << 24);
+            let mut sums = [(DVec3::ZERO, DVec3::ZERO, DVec3::ZERO); 10];
+            for _ in 0..params.samples {
+                let x = (pixel % params.width) as f32 + random.next();
+                let y = (pixel / params.width) as f32 + random.next();
+                let (origin, direction) = camera.ray(x, y, params.width, params.height);
+                let shares = scenery.path(Ray::free(origin, direction), &mut random);
+                for (sum, share) in sums.iter_mut().zip(shares) {
+                    *sum = (sum.0 + share, sum.1 + share * share, sum.2.max(share));
+                }
+            }
+            sums
+        })
+        .collect();
+    let layer = |index: usize| {
+        let mean: Vec<DVec3> = sampled.iter().map(|s| s[index].0 / samples).collect();
+        let of_mean = |s: &[(DVec3, DVec3, DVec3); 10]| {
+            let mean = s[index].0 / samples;
+            (s[index].1 / samples - mean * mean).max(DVec3::ZERO) / (samples - 1.0).max(1.0)
+        };
+        let peak = sampled.iter().fold(DVec3::ZERO, |peak, s| peak.max(s[index].2 / samples));
+        Layer { mean, variance: sampled.iter().map(of_mean).collect(), peak }
+    };
+    let mut twin = Twin { width: params.width, height: params.height, layers: (0..10).map(layer).collect() };
+    particles::add(&scenery, &mut twin, camera, params, scenery.particles);
+    twin
+}
+
+impl<'a> Scenery<'a> {
+    fn new(tracer: &'a Tracer<'a>, camera: &Camera, params: &TwinParams) -> Self {
+        let scene = tracer.scene();
+        let power = |t: TriangleId| {
+            let material = scene.material_of(t);
+            if material.emits() { scene.area(t) * material.emission.0.max_element() } else { 0.0 }
+        };
+        let all = (0..scene.triangles().len() as u32).map(TriangleId);
+        let total: f64 = all.clone().map(|t| f64::from(power(t))).sum();
+        let mut sum = 0.0;
+        let emitters = all.clone().filter(|&t| power(t) > 0.0).map(|t| {
+            sum += f64::from(power(t)) / total;
+            (t, sum)
+        });
+        let emitters = emitters.collect();
+        let density = all.map(|t| power(t) / total.max(1e-30) as f32 / scene.area(t)).collect();
+        let particles = params.particles > 0 && matches!(camera.projection, Projection::Perspective { .. });
+        Self { tracer, emitters, density, particles }
+    }
+
+    /// One path from the eye.
+    fn path(&self, mut ray: Ray, random: &mut Random) -> Shares {
+        let tracer = self.tracer;
+        let mut shares = [DVec3::ZERO; 10];
+        let mut media = MediumStack::AIR;
+        let mut throughput = Vec3::ONE;
+        let (mut way, mut bounces, mut seen) = (Way::default(), 0, 0);
+        let mut met = false;
+        // The last diffuse vertex and the density cosθ/π of the direction that left it.
+        let (mut start, mut density_out) = (Vec3::ZERO, 0.0);
+        for _ in 0..MAX_EVENTS {
+            let Some(hit) = tracer.nearest(&ray, f32::INFINITY) else {
+                let sky = tracer.scene().sky().map_or(Rgb::ZERO, |sky| sky.radiance(ray.direction).0);
+                shares[seen + way.layer(bounces)] += (throughput * sky * self.n2(media)).as_dvec3();
+                break;
+            };
+            let position = ray.origin + ray.direction * hit.t;
+            let from = tracer.planes().of(hit.triangle);
+            if !met && hit.back && tracer.is_culled_from_behind(hit.triangle) {
+                ray = Ray { origin: position, from, ..ray };
+                continue;
+            }
+            met = true;
+            throughput *= tracer.media().transmittance(media.current(), hit.t);
+            let surface = tracer.interact(ray.direction, &hit, media);
+
+            // Emission that is met; where next-event estimation finds it too, each has its share.
+            let mut emitted = surface.emission.0;
+            if bounces == 0 {
+                emitted += surface.shown.0;
+            } else if seen == 0 && self.particles && !way.is_straight() {
+                emitted = Rgb::ZERO;
+            } else if way.is_straight() {
+                let cos = ray.direction.dot(surface.geometric).abs();
+                let towards = self.density[hit.triangle.index()] * position.distance_squared(start);
+                emitted *= density_out * cos / (density_out * cos + towards).max(f32::MIN_POSITIVE);
+            }
+            shares[seen + way.layer(bounces)] += (throughput * emitted * self.n2(media)).as_dvec3();
+
+            // One of: the diffuse side, its other side, the specular branches.
+            let diffuse = surface.reflectance * surface.receives;
+            let through = surface.transmittance * surface.receives;
+            let weights =
+                [diffuse, through].into_iter().chain(surface.branches().iter().map(|b| b.throughput));
+            let Some((choice, probability)) = choose(weights.map(|w| (throughput * w).max_element()), random)
+            else {
+                break;
+            };
+            throughput /= probability;
+            if let Some(branch) = choice.checked_sub(2).map(|i| surface.branches()[i]) {
+                throughput *= branch.throughput;
+                media = branch.media;
+                ray = Ray { origin: position, direction: branch.direction, from };
+                way.add(branch.event);
+            } else {
+                bounces += 1;
+                let other = choice == 1;
+                throughput *= if other { through } else { diffuse };
+                let vertex = Vertex::new(tracer, &hit, &surface, position, other);
+                let layer = seen + if bounces == 1 { DIRECT } else { INDIRECT };
+                let light = self.next_event(&vertex, media, random) + self.punctual(&vertex, media);
+                shares[layer] += (throughput * light * self.n2(media)).as_dvec3();
+                let direction = random.cosine(vertex.normal);
+                if direction.dot(vertex.geometric) <= 0.0 {
+                    break;
+                }
+                let cos = direction.dot(vertex.normal);
+                throughput *= vertex.transmittance(cos);
+                (start, density_out) = (position, cos / PI);
+                way = Way::default();
+                ray = Ray { origin: position, direction, from };
+            }
+            if bounces == 0 && (way.undeviated || !way.is_straight()) {
+                seen = SPECULAR;
+            }
+
+            // Unbiased roulette.
+            let survival = throughput.max_element().min(1.0);
+            if survival < 0.2 {
+                if random.next() * 0.2 >= survival {
+                    break;
+                }
+                throughput *= 0.2 / survival;
+            }
+        }
+        shares
+    }
+
+    /// (n_eye/n_here)², the eye in air.
+    pub(crate) fn n2(&self, media: MediumStack) -> f32 {
+        1.0 / self.tracer.media().ior(media.current()).powi(2)
+    }
+
+    /// An emitting triangle and its probability per area.
+    pub(crate) fn pick(&self, random: &mut Random) -> Option<(TriangleId, f32)> {
+        let pick = f64::from(random.next());
+        let index = self.emitters.partition_point(|e| e.1 <= pick).min(self.emitters.len().saturating_sub(1));
+        self.emitters.get(index).map(|&(triangle, _)| (triangle, self.density[triangle.index()]))
+    }
+
+    /// H_T/π at a vertex by a point on an emitter, with its share of the balance heuristic.
+    fn next_event(&self, vertex: &Vertex, media: MediumStack, random: &mut Random) -> Vec3 {
+        let Some((triangle, density)) = self.pick(random) else { return Vec3::ZERO };
+        let root = random.next().sqrt();
+        let at = Barycentric { u: root * random.next(), v: 1.0 - root };
+        let offset = self.tracer.scene().position(triangle, at) - vertex.position;
+        let (direction, distance2) = (offset.normalize_or_zero(), offset.length_squared());
+        let cos = vertex.cos(direction);
+        let cos_light = direction.dot(self.tracer.scene().geometric_normal(triangle)).abs();
+        if cos <= 0.0 || cos_light <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let radiance = self.straight(vertex.ray(direction), media, offset.length(), Some(triangle));
+        // Densities per solid angle, both times cosθ of the light.
+        let towards = density * distance2;
+        let by_cosine = cos / PI * cos_light;
+        radiance * (vertex.transmittance(cos) * cos / PI * cos_light / (towards + by_cosine))
+    }
+
+    /// H_T/π at a vertex by punctual lights.
+    fn punctual(&self, vertex: &Vertex, media: MediumStack) -> Vec3 {
+        let lit = |light: &PunctualLight| {
+            let (direction, distance) = match light.kind {
+                PunctualKind::Directional => (-light.direction, f32::INFINITY),
+                _ => (
+                    (light.position - vertex.position).normalize_or_zero(),
+                    light.position.distance(vertex.position),
+                ),
+            };
+            let cos = vertex.cos(direction);
+            if cos <= 0.0 {
+                return Vec3::ZERO;
+            }
+            let falloff = if distance.is_finite() { 1.0 / (distance * distance) } else { 1.0 };
+            let share = self.straight(vertex.ray(direction), media, distance, None);
+            light.intensity_towards(-direction) * share * (vertex.transmittance(cos) * cos * falloff / PI)
+        };
+        self.tracer.scene().lights().iter().map(lit).sum()
+    }
+
+    /// Follows undeviated branches: to the emission of `target`, or (without one) to `distance`, where 1 arrives.
+    pub(crate) fn straight(
+        &self,
+        mut ray: Ray,
+        media: MediumStack,
+        distance: f32,
+        target: Option<TriangleId>,
+    ) -> Vec3 {
+        let mut share = Vec3::ONE;
+        let mut left = distance;
+        for _ in 0..MAX_EVENTS {
+            let Some(hit) = self.tracer.nearest(&ray, f32::INFINITY) else {
+                return if target.is_none() { share } else { Vec3::ZERO };
+            };
+            share *= self.tracer.media().transmittance(media.current(), hit.t.min(left));
+            if target.is_none() && hit.t >= left {
+                return share;
+            }
+            let surface = self.tracer.interact(ray.direction, &hit, media);
+            if target == Some(hit.triangle) {
+                return share * surface.emission.0;
+            }
+            left -= hit.t;
+            let passing = surface.branches().iter().filter(|b| b.event == Event::Undeviated);
+            share *= passing.map(|b| b.throughput).sum::<Vec3>();
+            if share.max_element() <= 0.0 {
+                return Vec3::ZERO;
+            }
+            let from = self.tracer.planes().of(hit.triangle);
+            ray = Ray { origin: ray.origin + ray.direction * hit.t, from, ..ray };
+        }
+        Vec3::ZERO
+    }
+}
+
+/// A diffuse side that light leaves.
+pub(crate) struct Vertex {
+    pub(crate) position: Vec3,
+    pub(crate) normal: Vec3,
+    pub(crate) geometric: Vec3,
+    from: PlaneId,
+    coat: Coat,
+}
+
+impl Vertex {
+    pub(crate) fn new(
+        tracer: &Tracer,
+        hit: &Hit,
+        surface: &Interaction,
+        position: Vec3,
+        other: bool,
+    ) -> Self {
+        let point = tracer.scene().surface_point(hit.triangle, hit.at);
+        let side = tracer.diffuse_side(hit.triangle, &point, surface.side);
+        let sign = if other { -1.0 } else { 1.0 };
+        Self {
+            position,
+            normal: surface.normal * sign,
+            geometric: surface.geometric * sign,
+            from: tracer.planes().of(hit.triangle),
+            coat: side.map_or(Coat::NONE, |s| s.coat),
+        }
+    }
+
+    /// Cosine with which light from `direction` counts; 0 from below.
+    pub(crate) fn cos(&self, direction: Vec3) -> f32 {
+        if direction.dot(self.geometric) > 0.0 { direction.dot(self.normal).max(0.0) } else { 0.0 }
+    }
+
+    pub(crate) fn transmittance(&self, cos: f32) -> f32 {
+        self.coat.transmittance(cos)
+    }
+
+    pub(crate) fn ray(&self, direction: Vec3) -> Ray {
+        Ray { origin: self.position, direction, from: self.from }
+    }
+}
+
+/// Picks one of the weights in proportion; its index and probability.
+pub(crate) fn choose(
+    weights: impl Iterator<Item = f32> + Clone,
+    random: &mut Random,
+) -> Option<(usize, f32)> {
+    let total: f32 = weights.clone().sum();
+    if total <= 0.0 {
+        return None;
+    }
+    let mut pick = random.next() * total;
+    let mut last = None;
+    for (index, weight) in weights.enumerate().filter(|w| w.1 > 0.0) {
+        last = Some((index, weight / total));
+        if pick < weight {
+            break;
+        }
+        pick -= weight;
+    }
+    last
+}
