@@ -1,6 +1,6 @@
 //! A solution in a glTF file: named arrays beside the source scene, which stays as it was.
 //!
-//! [`save`] adds to the file of the scene: what viewers show ([`crate::baked`]), and every array of the [`Solution`] bit
+//! [`save`] adds to the file of the scene: what viewers show (the module `baked`), and every array of the [`Solution`] bit
 //! for bit under a name in `asset.extras.catoptric.arrays`. Floats are stored as they are in memory, so a solution that
 //! was read gives the same picture, to the last bit, as the one that was saved.
 

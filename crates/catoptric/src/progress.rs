@@ -2,7 +2,7 @@
 
 use std::io::IsTerminal;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use catoptric_scene::Progress;
@@ -36,8 +36,13 @@ enum Voice {
 
 /// The one that stages report to.
 pub(crate) struct Reporter {
-    voice: Voice,
     started: Instant,
+    shared: Arc<Shared>,
+}
+
+/// What the reporter shares with the thread that speaks where stages are silent for long.
+struct Shared {
+    voice: Voice,
     /// Units done in the current stage.
     done: AtomicU64,
     state: Mutex<State>,
@@ -67,12 +72,17 @@ impl Reporter {
             (false, true) => Voice::Bars,
             (false, false) => Voice::Lines,
         };
-        Self { voice, started: Instant::now(), done: AtomicU64::new(0), state: Mutex::default() }
+        let shared = Arc::new(Shared { voice, done: AtomicU64::new(0), state: Mutex::default() });
+        if voice == Voice::Lines {
+            let watched = Arc::downgrade(&shared);
+            std::thread::spawn(move || watch(&watched));
+        }
+        Self { started: Instant::now(), shared }
     }
 
     /// What the next stages belong to, shown with their names: a camera, a frame.
     pub(crate) fn set_context(&self, context: String) {
-        self.state().context = context;
+        self.shared.state().context = context;
     }
 
     /// Begins a stage that does not ask whether it shall stop, and leaves nothing behind if it is ended midway.
@@ -83,15 +93,15 @@ impl Reporter {
 
     /// Ends the current stage.
     pub(crate) fn end(&self) {
-        self.state().end(self.voice);
+        self.shared.state().end(self.shared.voice);
     }
 
     /// Says something to the person, between the bars.
     pub(crate) fn say(&self, text: &str) {
-        if self.voice == Voice::Silent {
+        if self.shared.voice == Voice::Silent {
             return;
         }
-        let state = self.state();
+        let state = self.shared.state();
         match state.running.as_ref().and_then(|running| running.bar.as_ref()) {
             Some(bar) => bar.suspend(|| eprintln!("{text}")),
             None => eprintln!("{text}"),
@@ -101,16 +111,27 @@ impl Reporter {
     /// The stages so far, in the order of their first run.
     pub(crate) fn times(&self) -> Vec<StageTime> {
         self.end();
-        self.state().times.clone()
+        self.shared.state().times.clone()
     }
 
     /// Seconds since the start of the program.
     pub(crate) fn seconds(&self) -> f64 {
         self.started.elapsed().as_secs_f64()
     }
+}
 
+impl Shared {
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Speaks for stages that do not, for as long as the reporter lives.
+fn watch(shared: &Weak<Shared>) {
+    loop {
+        std::thread::sleep(SHORTEST_PAUSE);
+        let Some(shared) = shared.upgrade() else { return };
+        shared.state().line(shared.done.load(Ordering::Relaxed));
     }
 }
 
@@ -134,39 +155,44 @@ impl State {
     }
 }
 
+impl State {
+    /// A plain line, if it is time for one.
+    fn line(&mut self, done: u64) {
+        let Some(running) = &mut self.running else { return };
+        let pause = running.last_line.elapsed();
+        let percent = (done.min(running.total) * 100).checked_div(running.total);
+        let tenth = percent.unwrap_or(0) / 10;
+        if (tenth >= running.next_tenth && pause >= SHORTEST_PAUSE) || pause >= LONGEST_PAUSE {
+            running.last_line = Instant::now();
+            running.next_tenth = tenth + 1;
+            let context =
+                if self.context.is_empty() { String::new() } else { format!(" ({})", self.context) };
+            let share = percent.map_or(String::new(), |percent| format!("{percent} % after "));
+            eprintln!("{}{context}: {share}{:.0} s", running.name, running.started.elapsed().as_secs_f64());
+        }
+    }
+}
+
 impl Progress for Reporter {
     fn begin(&self, stage: &str, total: u64) {
         interrupt::listen(true);
-        let mut state = self.state();
-        state.end(self.voice);
-        self.done.store(0, Ordering::Relaxed);
+        let mut state = self.shared.state();
+        state.end(self.shared.voice);
+        self.shared.done.store(0, Ordering::Relaxed);
         let now = Instant::now();
-        let bar = (self.voice == Voice::Bars).then(|| bar(stage, &state.context, total));
+        let bar = (self.shared.voice == Voice::Bars).then(|| bar(stage, &state.context, total));
         state.running =
             Some(Running { name: stage.to_owned(), total, started: now, bar, last_line: now, next_tenth: 1 });
     }
 
     fn advance(&self, units: u64) {
-        let done = self.done.fetch_add(units, Ordering::Relaxed) + units;
+        let done = self.shared.done.fetch_add(units, Ordering::Relaxed) + units;
         // Whoever finds the lock taken goes on working: the next call shows its units too.
-        let Ok(mut state) = self.state.try_lock() else { return };
-        let context = if state.context.is_empty() { String::new() } else { format!(" ({})", state.context) };
-        let Some(running) = &mut state.running else { return };
-        if let Some(bar) = &running.bar {
-            bar.set_position(done.min(running.total));
-            return;
-        }
-        if self.voice != Voice::Lines || running.total == 0 {
-            return;
-        }
-        let pause = running.last_line.elapsed();
-        let tenth = done.min(running.total) * 10 / running.total;
-        if (tenth >= running.next_tenth && pause >= SHORTEST_PAUSE) || pause >= LONGEST_PAUSE {
-            running.last_line = Instant::now();
-            running.next_tenth = tenth + 1;
-            let percent = done.min(running.total) * 100 / running.total;
-            let elapsed = running.started.elapsed().as_secs_f64();
-            eprintln!("{}{context}: {percent} % after {elapsed:.0} s", running.name);
+        let Ok(mut state) = self.shared.state.try_lock() else { return };
+        match (self.shared.voice, state.running.as_ref().and_then(|running| running.bar.as_ref())) {
+            (Voice::Bars, Some(bar)) => bar.set_position(done),
+            (Voice::Lines, _) => state.line(done),
+            _ => {}
         }
     }
 

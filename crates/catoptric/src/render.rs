@@ -35,11 +35,15 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let report_file = args.run.json.clone().flatten();
     reporter.begin_deaf("load");
     let light = args.solution.as_deref().map_or(Light::Own, Light::Beside);
-    let input = Input::read(&args.scene, args.transport.sky.as_ref(), light)?;
+    let mut input = Input::read(&args.scene, args.transport.sky.as_ref(), light)?;
     let views = views(args, &input)?;
     check_outputs(args, &outputs, &views, report_file.as_deref())?;
     if let Some(solution) = &input.solution {
         check_settings(args, solution)?;
+    }
+    if args.frames.is_some() && input.cameras.duration() == 0.0 {
+        let file = args.scene.display();
+        input.warnings.push(format!("{file}: no camera is animated: all frames show the same"));
     }
     summary::warn(&reporter, &input.warnings);
 
