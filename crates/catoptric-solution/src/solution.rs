@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use catoptric_scene::{Irradiance, Rgb};
+use catoptric_scene::{Irradiance, Rgb, SceneHash};
 
 use crate::mesh::{DisplayMesh, Located};
 
@@ -65,7 +65,7 @@ pub struct Solution {
     /// Patch radiosity.
     pub patches: PatchRadiosity,
     /// Hash of the scene it belongs to.
-    pub scene_hash: u64,
+    pub scene_hash: SceneHash,
     /// Settings and version, as text.
     pub settings: BTreeMap<String, String>,
 }
