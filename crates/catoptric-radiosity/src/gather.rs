@@ -24,8 +24,6 @@ pub struct Gathered {
     pub caustic: Rgb,
     /// Light from other diffuse surfaces.
     pub indirect: Rgb,
-    /// Share of rays that met the black back of a surface first: near 1 inside of solids.
-    pub backs: f32,
     /// Where the power went, if the rays were sent from here.
     pub ledger: Ledger,
 }
@@ -90,7 +88,6 @@ pub fn gather(
     let mut result = Gathered::default();
     let mut ledger = Ledger::default();
     let (tangent, bitangent) = frame(receiver.normal);
-    let mut backs = 0;
     let coated = !receiver.coat.is_none();
     // Broad emitters: their unoccluded irradiance is exact, rays add what is blocked or reflected.
     let controlled = !coated && receiver.media == MediumStack::AIR && !lights.emitters().broad().is_empty();
@@ -108,7 +105,6 @@ pub fn gather(
                 lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
         }
         let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
-        let mut first = true;
         let end = walk::choose(
             tracer,
             ray,
@@ -118,7 +114,6 @@ pub fn gather(
             params,
             &mut ledger,
             |arrival| {
-                first = false;
                 let scale = radiance_scale(tracer, receiver.media, arrival.media.current());
                 result.indirect += arrival.throughput * light.radiance(arrival) * scale;
                 let emission = arrival.interaction.emission.0;
@@ -139,9 +134,6 @@ pub fn gather(
                     *result.class(&chain) += throughput * sky.radiance(direction).0 * scale;
                 }
             }
-            End::Inside if first => {
-                backs += 1;
-            }
             End::Inside => {}
         }
     }
@@ -153,7 +145,6 @@ pub fn gather(
         result.direct += lights.broad_unoccluded(receiver);
     }
     result.ledger = ledger;
-    result.backs = backs as f32 / rays.max(1) as f32;
     result
 }
 
@@ -168,18 +159,35 @@ impl Gathered {
     }
 }
 
-/// Harmonic mean distance of what is seen from a receiver first, metres: the scale on which irradiance from near surfaces
-/// varies (Ward & Heckbert 1992). Infinite where nothing is seen.
-pub fn reach(tracer: &Tracer, receiver: &Receiver, rays: u32, key: Key) -> f32 {
+/// What a receiver sees first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surroundings {
+    /// Harmonic mean distance, metres: the scale on which irradiance from near surfaces varies (Ward & Heckbert 1992).
+    /// Infinite where nothing is seen.
+    pub distance: f32,
+    /// Only black backs and nothing else: the inside of a solid, or the gap behind a mirror. Nobody looks there.
+    pub hidden: bool,
+}
+
+/// Share of rays that meet black backs beyond which a place counts as hidden: a place beside a single sheet sees half.
+const HIDDEN_SHARE: f32 = 0.9;
+
+/// Looks around with `rays` hemisphere rays.
+pub fn look_around(tracer: &Tracer, receiver: &Receiver, rays: u32, key: Key) -> Surroundings {
     let (tangent, bitangent) = frame(receiver.normal);
     let mut inverse = 0.0_f32;
+    let mut backs = 0;
     for index in 0..rays {
         let local = cosine_hemisphere(key.point2(index));
         let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
         let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
         if let Some(hit) = tracer.nearest(&ray, f32::INFINITY) {
             inverse += 1.0 / hit.t.max(1e-6);
+            backs += u32::from(hit.back && tracer.is_culled_from_behind(hit.triangle));
         }
     }
-    if inverse > 0.0 { rays as f32 / inverse } else { f32::INFINITY }
+    Surroundings {
+        distance: if inverse > 0.0 { rays as f32 / inverse } else { f32::INFINITY },
+        hidden: backs as f32 > HIDDEN_SHARE * rays as f32,
+    }
 }
