@@ -89,8 +89,9 @@ pub fn gather(
     let mut ledger = Ledger::default();
     let (tangent, bitangent) = frame(receiver.normal);
     let coated = !receiver.coat.is_none();
-    // Broad emitters: their unoccluded irradiance is exact, rays add what is blocked or reflected.
+    // Broad emitters: their unoccluded irradiance is known exactly and serves as control variate.
     let controlled = !coated && receiver.media == MediumStack::AIR && !lights.emitters().broad().is_empty();
+    let mut halves = [Half::default(); 2];
     for index in 0..rays {
         let local = cosine_hemisphere(key.point2(index));
         let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
@@ -100,10 +101,7 @@ pub fn gather(
             continue;
         }
         let weight = if coated { receiver.coat.transmittance(local.z) } else { 1.0 };
-        if controlled {
-            result.direct -=
-                lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
-        }
+        let before = result.total();
         let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
         let end = walk::choose(
             tracer,
@@ -136,19 +134,65 @@ pub fn gather(
             }
             End::Inside => {}
         }
+        if controlled {
+            let control = lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
+            let half = usize::from(2 * index >= rays);
+            halves[half].add(result.total() - before, control);
+        }
     }
     let each = PI / rays.max(1) as f32;
     for sum in [&mut result.direct, &mut result.mirrored, &mut result.caustic, &mut result.indirect] {
         *sum *= each;
     }
     if controlled {
-        result.direct += lights.broad_unoccluded(receiver);
+        let exact = lights.broad_unoccluded(receiver);
+        // Each half is corrected with the coefficient of the other, so that no sample decides its own weight.
+        for (own, other) in [(0, 1), (1, 0)] {
+            let share = halves[own].count / rays.max(1) as f32;
+            let found = halves[own].control * (PI / halves[own].count.max(1.0));
+            result.direct += (exact - found) * (halves[other].coefficient() * share);
+        }
     }
     result.ledger = ledger;
     result
 }
 
+/// Sums over half of the rays of a gather, for the control variate.
+#[derive(Clone, Copy, Debug, Default)]
+struct Half {
+    count: f32,
+    control: Rgb,
+    /// Σ f, Σ g, Σ fg, Σ g² of the summed channels.
+    moments: [f64; 4],
+}
+
+impl Half {
+    #[inline]
+    fn add(&mut self, found: Rgb, control: Rgb) {
+        let (f, g) = (f64::from(found.element_sum()), f64::from(control.element_sum()));
+        self.count += 1.0;
+        self.control += control;
+        for (sum, value) in self.moments.iter_mut().zip([f, g, f * g, g * g]) {
+            *sum += value;
+        }
+    }
+
+    /// Cov(f, g)/Var(g): 1 where the broad emitters are all there is, 0 in a furnace, where every ray finds the same.
+    fn coefficient(&self) -> f32 {
+        let n = f64::from(self.count.max(1.0));
+        let [f, g, fg, gg] = self.moments.map(|m| m / n);
+        let variance = gg - g * g;
+        if variance > 1e-6 * gg { ((fg - f * g) / variance).clamp(0.0, 1.0) as f32 } else { 1.0 }
+    }
+}
+
 impl Gathered {
+    /// All classes.
+    #[inline]
+    fn total(&self) -> Rgb {
+        self.direct + self.mirrored + self.caustic + self.indirect
+    }
+
     #[inline]
     fn class(&mut self, chain: &Chain) -> &mut Rgb {
         match PathClass::of(chain) {
