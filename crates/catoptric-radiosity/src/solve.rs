@@ -68,12 +68,20 @@ impl SolveParams {
                 Quality::Standard => (1_200, 4_000, 0.02, 32, 64, 256, 2),
                 Quality::High => (5_000, 60_000, 0.006, 128, 128, 1_024, 4),
             };
+        let inside_rounds = if quality == Quality::Draft { 0 } else { 2 };
         Self {
             walk: WalkParams::default(),
             light: LightParams::default(),
             seed: 0,
             base_triangles,
-            sources: RefineParams { tolerance, floor: 0.1, rounds: 7, max_vertices, min_edge: 0.0 },
+            sources: RefineParams {
+                tolerance,
+                floor: 0.1,
+                rounds: 7,
+                inside_rounds,
+                max_vertices,
+                min_edge: 0.0,
+            },
             shadow_rays,
             fit_points: 2,
             fit_rays: shadow_rays / 2,
@@ -149,21 +157,14 @@ struct SourceField<'a> {
 }
 
 impl SourceField<'_> {
-    fn light(&self, draft: &Draft, vertex: u32) -> SourceLight {
-        let tracer = self.lights.tracer();
-        let receiver = draft.receiver(tracer, vertex);
-        let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
+    fn light(&self, receiver: &Receiver, rays: u32, key: Key) -> SourceLight {
         let mut scratch = Scratch::default();
         let mut light = SourceLight::default();
         if self.lights.has_sources() {
-            light.direct =
-                self.lights.direct(&receiver, self.params.shadow_rays, key, &mut scratch).irradiance;
-            light.mirrored = self
-                .lights
-                .mirrored(&receiver, self.params.shadow_rays, key.child(1), &mut scratch)
-                .irradiance;
+            light.direct = self.lights.direct(receiver, rays, key, &mut scratch).irradiance;
+            light.mirrored = self.lights.mirrored(receiver, rays, key.child(1), &mut scratch).irradiance;
         }
-        let punctual = self.lights.punctual(&receiver, &mut scratch);
+        let punctual = self.lights.punctual(receiver, &mut scratch);
         light.punctual = punctual.direct + punctual.mirrored;
         light.rays = scratch.rays as u32;
         light
@@ -172,11 +173,21 @@ impl SourceField<'_> {
 
 impl Field for SourceField<'_> {
     fn evaluate(&self, draft: &Draft, vertex: u32) -> Rgb {
-        let light = self.light(draft, vertex);
+        let receiver = draft.receiver(self.lights.tracer(), vertex);
+        let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
+        let light = self.light(&receiver, self.params.shadow_rays, key);
         if let Ok(mut found) = self.found.lock() {
             found.push((vertex, light));
         }
         light.sum()
+    }
+
+    fn evaluate_inside(&self, draft: &Draft, leaf: u32, weights: [f32; 3]) -> Rgb {
+        let receiver = draft.receiver_in_leaf(self.lights.tracer(), leaf, weights);
+        let entity =
+            u64::from(leaf) << 3 | (weights[0].to_bits() ^ weights[1].to_bits()) as u64 & 7 | 1 << 44;
+        let key = Key::new(self.params.seed, Purpose::Emitter, entity);
+        self.light(&receiver, self.params.shadow_rays / 2, key).sum()
     }
 }
 
