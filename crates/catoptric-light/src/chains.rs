@@ -1,5 +1,7 @@
 //! Image chains: the sequences of planar mirrors over which sources are seen as images, found before any gather.
 
+use std::collections::HashMap;
+
 use glam::DVec3;
 
 use catoptric_scene::{Barycentric, Rgb, Side, TriangleId};
@@ -9,6 +11,7 @@ use catoptric_trace::{PlaneId, Tracer};
 
 use crate::contour::Polygon;
 use crate::emitter::Emitters;
+use crate::light_tree::{View, Window};
 
 /// A flat reflecting piece of a plane.
 #[derive(Clone, Debug)]
@@ -57,6 +60,10 @@ pub struct ImageChains {
 const MAX_CHAINS: usize = 64;
 /// Chains whose reflectances multiply to less are left to the hemisphere rays.
 const MIN_STRENGTH: f32 = 2e-3;
+/// Reflectors at most: the strongest by area; others are left to the hemisphere rays.
+const MAX_REFLECTORS: usize = 128;
+/// So many emitting cells are not asked one by one whether they light a reflector.
+const MANY_CELLS: usize = 1024;
 /// Pieces of a plane beyond which clipping costs more than it saves.
 const MAX_APERTURES: usize = 6;
 
@@ -71,6 +78,7 @@ impl ImageChains {
         };
         let lit = |r: &Reflector| {
             far_sources
+                || emitters.cells().len() > MANY_CELLS
                 || emitters.cells().iter().any(|cell| {
                     let outline = cell.polygon();
                     let emitting = Aperture { outline, normal: cell.normal, double_sided: false };
@@ -153,6 +161,7 @@ fn in_front(piece: &Aperture, outline: &Polygon) -> bool {
 fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
     let scene = tracer.scene();
     let mut reflectors: Vec<Reflector> = Vec::new();
+    let mut known: HashMap<PlaneId, usize> = HashMap::new();
     for surface in scene.surfaces() {
         for index in surface.triangles.clone() {
             let id = TriangleId(index);
@@ -173,8 +182,7 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
                 normal: Side::Front.orient(scene.geometric_normal(id)).as_dvec3(),
                 double_sided: tracer.has_back(id),
             };
-            let known = reflectors.iter().position(|r| r.id == plane);
-            let reflector = known.unwrap_or_else(|| {
+            let reflector = *known.entry(plane).or_insert_with(|| {
                 reflectors.push(Reflector {
                     id: plane,
                     plane: tracer.planes().plane(plane),
@@ -191,6 +199,14 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
             reflector.strength = reflector.strength.max(bound.max(strength));
             reflector.pieces.push(piece);
         }
+    }
+    if reflectors.len() > MAX_REFLECTORS {
+        let size = |r: &Reflector| {
+            let area: f64 = r.pieces.iter().map(|p| p.outline.vector_area().length()).sum();
+            area * f64::from(r.strength)
+        };
+        reflectors.sort_by_cached_key(|r| (std::cmp::Reverse(size(r).to_bits()), r.id));
+        reflectors.truncate(MAX_REFLECTORS);
     }
     for reflector in &mut reflectors {
         reflector.apertures = joined(&reflector.pieces);
@@ -240,6 +256,13 @@ pub struct Unfolded {
     pub normal: DVec3,
     /// Image of its geometric normal.
     pub geometric: DVec3,
+}
+
+impl Unfolded {
+    /// The view of the emitters from here.
+    pub(crate) fn view<'a>(&self, windows: &'a [Window]) -> View<'a> {
+        View { point: self.position, normal: self.normal, geometric: self.geometric, windows }
+    }
 }
 
 impl ImageChains {

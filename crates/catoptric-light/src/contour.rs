@@ -69,26 +69,27 @@ impl Polygon {
 
     /// The part seen from `eye` through the convex window `aperture`.
     pub fn seen_through(&self, eye: DVec3, aperture: &Polygon) -> Self {
-        let window = aperture.corners();
-        let center = window.iter().copied().sum::<DVec3>() / window.len().max(1) as f64;
         let mut result = *self;
-        for (index, &a) in window.iter().enumerate() {
-            let b = window[(index + 1) % window.len()];
-            let mut normal = (a - eye).cross(b - eye);
-            if normal.dot(center - eye) < 0.0 {
-                normal = -normal;
-            }
-            let length = normal.length();
-            if length <= 0.0 {
-                continue;
-            }
-            normal /= length;
+        for normal in aperture.sight_planes(eye).into_iter().flatten() {
             result = result.clipped(normal, normal.dot(eye));
             if result.is_empty() {
                 break;
             }
         }
         result
+    }
+
+    /// Unit normals, towards the polygon, of the planes through `eye` and each edge.
+    pub fn sight_planes(&self, eye: DVec3) -> [Option<DVec3>; MAX_CORNERS] {
+        let corners = self.corners();
+        let center = corners.iter().copied().sum::<DVec3>() / corners.len().max(1) as f64;
+        let mut planes = [None; MAX_CORNERS];
+        for (index, &a) in corners.iter().enumerate() {
+            let b = corners[(index + 1) % corners.len()];
+            let normal = (a - eye).cross(b - eye).try_normalize();
+            planes[index] = normal.map(|n| if n.dot(center - eye) < 0.0 { -n } else { n });
+        }
+        planes
     }
 
     /// Its vector area: half the sum of cross products, along its normal.

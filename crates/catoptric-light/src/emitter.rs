@@ -1,20 +1,18 @@
-//! Area emitters: cells (triangles and parallelograms) in a tree, so that far groups count as one.
-//!
-//! The tree is a light tree in the sense of Walter et al. 2005 ("Lightcuts"), cut by size alone: a group is taken as
-//! one where it is small, far, and turned towards the receiver as a whole.
+//! Area emitters: cells (triangles and parallelograms), kept in a [`LightTree`].
 
 use glam::DVec3;
 
-use catoptric_scene::{Barycentric, Radiance, Rgb, Side, TriangleId};
+use catoptric_scene::{Barycentric, Radiance, Rgb, Side, Surface, TriangleId};
 use catoptric_trace::{PlaneId, Tracer};
 
 use crate::contour::Polygon;
+use crate::light_tree::LightTree;
 
 /// A triangle or parallelogram that emits from one side (two-sided emitters are two cells).
 #[derive(Clone, Copy, Debug)]
 pub struct Cell {
     /// corner, edge a, edge b.
-    corner: DVec3,
+    pub(crate) corner: DVec3,
     edges: [DVec3; 2],
     /// A parallelogram, else a triangle.
     parallelogram: bool,
@@ -101,54 +99,28 @@ impl Cell {
         u >= 0.0 && v >= 0.0 && if self.parallelogram { u <= 1.0 && v <= 1.0 } else { u + v <= 1.0 }
     }
 
-    fn centroid(&self) -> DVec3 {
+    pub(crate) fn centroid(&self) -> DVec3 {
         let [a, b] = self.edges;
         self.corner + if self.parallelogram { (a + b) * 0.5 } else { (a + b) / 3.0 }
     }
 
-    fn radius(&self) -> f64 {
+    pub(crate) fn radius(&self) -> f64 {
         let center = self.centroid();
         self.polygon().corners().iter().map(|c| (*c - center).length()).fold(0.0, f64::max)
     }
-}
-
-/// A group of cells.
-#[derive(Clone, Copy, Debug)]
-struct Node {
-    center: DVec3,
-    radius: f64,
-    /// Σ radiance × area × normal, per channel.
-    vectors: [DVec3; 3],
-    /// Axis and cosine of the half-angle of a cone that holds all normals.
-    axis: DVec3,
-    cos_cone: f64,
-    /// Σ luminance-free power, for choices.
-    power: f64,
-    /// Children, or the range of cells of a leaf.
-    children: Option<[u32; 2]>,
-    cells: [u32; 2],
 }
 
 /// All area emitters of a scene.
 #[derive(Clone, Debug, Default)]
 pub struct Emitters {
     cells: Vec<Cell>,
-    nodes: Vec<Node>,
+    tree: LightTree,
     /// Emitters so large that hemisphere rays see them well: whole walls. Not in the tree.
     broad: Vec<Cell>,
     /// Per triangle: emits anywhere, either side.
     emits: Vec<bool>,
     is_broad: Vec<bool>,
     triangles: usize,
-}
-
-/// A part of the emitters as one receiver sees it.
-#[derive(Clone, Copy, Debug)]
-pub enum Part {
-    /// One cell, to be integrated exactly.
-    Cell(u32),
-    /// A group, small and far.
-    Group(u32),
 }
 
 /// Cells above this share of the scene's area are broad. Hemisphere rays find them with little noise, and with the
@@ -158,11 +130,10 @@ const BROAD_SHARE: f64 = 0.04;
 /// Each broad cell is asked by every hemisphere ray.
 const MAX_BROAD: usize = 16;
 
-/// Groups below this ratio of radius to distance count as one: the error of a point source is (r/d)² times a factor
-/// below one, here 0.25 %.
-const GROUP_RATIO: f64 = 0.05;
-/// Normals of a group within 25° of its axis: beyond, shares below the receiver's view would be hidden in the mean.
-const GROUP_CONE_COS: f64 = 0.906;
+/// Texture samples along each side of a cell that find its mean radiance; half as many where cells are many.
+const TEXTURE_SAMPLES: u32 = 16;
+/// Emitting triangles that are many.
+const MANY: usize = 4096;
 
 impl Emitters {
     /// Collects every emitting side.
@@ -171,6 +142,8 @@ impl Emitters {
         let triangles = scene.triangles().len();
         let mut emitters =
             Self { emits: vec![false; triangles], is_broad: vec![false; triangles], ..Self::default() };
+        let emitting = |s: &&Surface| scene.materials()[s.material.index()].emits();
+        let many = scene.surfaces().iter().filter(emitting).map(|s| s.triangles.len()).sum::<usize>() > MANY;
         for surface in scene.surfaces() {
             let material = &scene.materials()[surface.material.index()];
             if !material.emits() {
@@ -195,7 +168,7 @@ impl Emitters {
                 let sides: &[Side] =
                     if tracer.has_back(id) { &[Side::Front, Side::Back] } else { &[Side::Front] };
                 for &side in sides {
-                    emitters.push(tracer, corner, edges, joined.is_some(), triangles, side);
+                    emitters.push(tracer, corner, edges, joined.is_some(), triangles, side, many);
                 }
             }
         }
@@ -248,6 +221,7 @@ impl Emitters {
         parallelogram: bool,
         triangles: [TriangleId; 2],
         side: Side,
+        many: bool,
     ) {
         let scene = tracer.scene();
         let cross = edges[0].cross(edges[1]);
@@ -269,13 +243,14 @@ impl Emitters {
             triangles,
         };
         if textured {
-            // The mean over a 16 × 16 grid decides shares only; what arrives is sampled.
+            // The mean over a grid decides shares only; what arrives is sampled.
+            let side = if many { TEXTURE_SAMPLES / 2 } else { TEXTURE_SAMPLES };
             let mut sum = Rgb::ZERO;
-            for i in 0..256 {
-                let point = cell.point((f64::from(i % 16) + 0.5) / 16.0, (f64::from(i / 16) + 0.5) / 16.0);
-                sum += cell.radiance_at(tracer, point);
+            for i in 0..side * side {
+                let at = |k: u32| (f64::from(k) + 0.5) / f64::from(side);
+                sum += cell.radiance_at(tracer, cell.point(at(i % side), at(i / side)));
             }
-            cell.radiance = sum / 256.0;
+            cell.radiance = sum / (side * side) as f32;
         }
         if cell.radiance.max_element() > 0.0 && cell.area > 0.0 {
             self.cells.push(cell);
@@ -283,14 +258,14 @@ impl Emitters {
     }
 
     fn build(&mut self) {
-        if self.cells.is_empty() {
-            return;
-        }
-        let mut order: Vec<u32> = (0..self.cells.len() as u32).collect();
-        let mut nodes = Vec::new();
-        build_node(&self.cells, &mut nodes, &mut order, 0);
+        let (tree, order) = LightTree::new(&self.cells);
         self.cells = order.iter().map(|&i| self.cells[i as usize]).collect();
-        self.nodes = nodes;
+        self.tree = tree;
+    }
+
+    /// The tree over the cells.
+    pub fn tree(&self) -> &LightTree {
+        &self.tree
     }
 
     /// All cells.
@@ -319,86 +294,6 @@ impl Emitters {
         let all = self.cells.iter().chain(&self.broad);
         all.map(|c| c.radiance * (std::f64::consts::PI * c.area) as f32).sum()
     }
-
-    /// Calls `visit` for the parts that make up all emitters as seen from `point`, above the plane of `normal`.
-    pub fn cut(&self, point: DVec3, normal: DVec3, mut visit: impl FnMut(Part)) {
-        if self.nodes.is_empty() {
-            return;
-        }
-        let mut stack = [0_u32; 64];
-        let mut length = 1;
-        while length > 0 {
-            length -= 1;
-            let index = stack[length];
-            let node = &self.nodes[index as usize];
-            let offset = node.center - point;
-            if normal.dot(offset) + node.radius <= 0.0 {
-                continue;
-            }
-            let distance = offset.length();
-            let small = node.radius < GROUP_RATIO * distance;
-            let Some([left, right]) = node.children else {
-                let cell = node.cells[0];
-                if self.cells[cell as usize].normal.dot(point - self.cells[cell as usize].corner) > 0.0 {
-                    let above = normal.dot(offset) > node.radius;
-                    visit(if small && above && self.nodes.len() > 8 {
-                        Part::Group(index)
-                    } else {
-                        Part::Cell(cell)
-                    });
-                }
-                continue;
-            };
-            if small && node.cos_cone > GROUP_CONE_COS && normal.dot(offset) - node.radius > 0.0 {
-                // Turned towards the receiver as a whole: even the most averted normal sees it.
-                let cos = -node.axis.dot(offset) / distance;
-                let sin_cone = (1.0 - node.cos_cone * node.cos_cone).max(0.0).sqrt();
-                if cos > sin_cone + GROUP_RATIO {
-                    visit(Part::Group(index));
-                    continue;
-                }
-            }
-            if length + 2 <= stack.len() {
-                stack[length] = right;
-                stack[length + 1] = left;
-                length += 2;
-            } else {
-                visit(Part::Group(index));
-            }
-        }
-    }
-
-    /// Irradiance of a group at a point, unoccluded: Σ L·A·cosθ'·cosθ/r².
-    pub fn group_irradiance(&self, group: u32, point: DVec3, normal: DVec3) -> Rgb {
-        let node = &self.nodes[group as usize];
-        let offset = node.center - point;
-        let r2 = offset.length_squared();
-        let towards = offset / r2.sqrt();
-        let share = normal.dot(towards).max(0.0) / r2;
-        let [r, g, b] = node.vectors.map(|v| ((-v.dot(towards)).max(0.0) * share) as f32);
-        Rgb::new(r, g, b)
-    }
-
-    /// A cell of a group, chosen by power with `u` in [0, 1); returns what is left of `u`.
-    pub fn choose_cell(&self, group: u32, mut u: f64) -> (u32, f64) {
-        let mut index = group;
-        while let Some([left, right]) = self.nodes[index as usize].children {
-            let (a, b) = (self.nodes[left as usize].power, self.nodes[right as usize].power);
-            let p = a / (a + b);
-            if u < p {
-                u /= p;
-                index = left;
-            } else {
-                u = (u - p) / (1.0 - p);
-                index = right;
-            }
-            u = u.clamp(0.0, 1.0 - 1e-12);
-        }
-        let [first, end] = self.nodes[index as usize].cells;
-        let count = f64::from(end - first);
-        let pick = (u * count).floor().min(count - 1.0);
-        (first + pick as u32, u * count - pick)
-    }
 }
 
 /// The parallelogram that two triangles of a plane make up, if they do: corner and edges.
@@ -420,66 +315,6 @@ fn parallelogram(tracer: &Tracer, first: TriangleId, second: TriangleId) -> Opti
     let opposite = q[lone_q].as_dvec3();
     let error = (corner + e + f - opposite).length();
     (error < 1e-5 * (e.length() + f.length())).then_some((corner, [e, f]))
-}
-
-/// Builds the node over `order` (whose first entry has global position `first`); returns its index.
-fn build_node(cells: &[Cell], nodes: &mut Vec<Node>, order: &mut [u32], first: u32) -> u32 {
-    let index = nodes.len() as u32;
-    let of = |i: &u32| &cells[*i as usize];
-    let mut node = Node {
-        center: DVec3::ZERO,
-        radius: 0.0,
-        vectors: [DVec3::ZERO; 3],
-        axis: DVec3::Z,
-        cos_cone: 1.0,
-        power: 0.0,
-        children: None,
-        cells: [first, first + order.len() as u32],
-    };
-    for cell in order.iter().map(of) {
-        let power = f64::from(cell.radiance.element_sum()) * cell.area;
-        node.power += power;
-        node.center += cell.centroid() * power;
-        for channel in 0..3 {
-            node.vectors[channel] += cell.normal * (f64::from(cell.radiance[channel]) * cell.area);
-        }
-    }
-    node.center /= node.power;
-    node.axis = order.iter().map(of).map(|c| c.normal * c.area).sum::<DVec3>().normalize_or_zero();
-    for cell in order.iter().map(of) {
-        node.radius = node.radius.max((cell.centroid() - node.center).length() + cell.radius());
-        node.cos_cone = node.cos_cone.min(cell.normal.dot(node.axis));
-    }
-    nodes.push(node);
-    if order.len() > 1 {
-        // Split by normal where normals differ much, else by place: both along the axis of the largest extent.
-        let by_normal = node.cos_cone < GROUP_CONE_COS;
-        let value = |c: &Cell| if by_normal { c.normal } else { c.centroid() };
-        let mut low = DVec3::INFINITY;
-        let mut high = DVec3::NEG_INFINITY;
-        for cell in order.iter().map(of) {
-            low = low.min(value(cell));
-            high = high.max(value(cell));
-        }
-        let extent = high - low;
-        let axis = if extent.x >= extent.y && extent.x >= extent.z {
-            0
-        } else if extent.y >= extent.z {
-            1
-        } else {
-            2
-        };
-        order.sort_by(|&a, &b| {
-            let (x, y) = (value(&cells[a as usize])[axis], value(&cells[b as usize])[axis]);
-            x.total_cmp(&y).then(a.cmp(&b))
-        });
-        let middle = order.len() / 2;
-        let (head, tail) = order.split_at_mut(middle);
-        let left = build_node(cells, nodes, head, first);
-        let right = build_node(cells, nodes, tail, first + middle as u32);
-        nodes[index as usize].children = Some([left, right]);
-    }
-    index
 }
 
 /// Radiance that a hit surface emits, as [`catoptric_trace::interaction::Interaction`] reports it, for callers that have

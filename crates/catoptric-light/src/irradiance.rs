@@ -11,7 +11,8 @@ use catoptric_trace::{PlaneId, Tracer, walk};
 
 use crate::chains::{ImageChain, ImageChains, Unfolded};
 use crate::contour::{self, Polygon};
-use crate::emitter::{Emitters, Part};
+use crate::emitter::Emitters;
+use crate::light_tree::{Cut, Part, Window};
 use crate::receiver::Receiver;
 use crate::sky::BrightSky;
 
@@ -46,6 +47,9 @@ pub struct Lights<'a> {
 pub struct Scratch {
     pieces: Vec<Piece>,
     small: Vec<(u32, f64)>,
+    loose: Vec<(u32, f64)>,
+    cut: Cut,
+    windows: Vec<Window>,
     texels: Vec<(u32, f32)>,
     pub(crate) targets: Vec<Vec3>,
     /// Shadow rays cast (chains count one).
@@ -62,6 +66,43 @@ struct Piece {
     unit: f64,
     weight: f64,
 }
+
+impl Piece {
+    fn irradiance(&self, emitters: &Emitters) -> Rgb {
+        emitters.cells()[self.cell as usize].radiance * self.unit as f32
+    }
+}
+
+/// What one receiver sees of the emitters.
+struct Found {
+    /// Parts of cells, known exactly.
+    pieces: Vec<Piece>,
+    /// Small and far groups with their irradiance.
+    small: Vec<(u32, f64)>,
+    /// Groups beyond the budget with the bound of their irradiance.
+    loose: Vec<(u32, f64)>,
+    windows: Vec<Window>,
+}
+
+impl Found {
+    /// So few that each gets strata of its own.
+    fn is_few(&self) -> bool {
+        self.pieces.len() + self.small.len() + self.loose.len() <= 4
+    }
+}
+
+/// What shares its samples with others.
+#[derive(Clone, Copy)]
+enum Shared<'a> {
+    Piece(&'a Piece),
+    Small(u32),
+    Loose(u32),
+}
+
+/// Parts that the emitters are cut into for one receiver, at least.
+const PARTS: usize = 48;
+/// And more the more samples are taken, so that the cut never costs much beside the shadow rays.
+const PARTS_PER_SAMPLE: usize = 2;
 
 /// Irradiance with what its shadow rays saw.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -193,18 +234,23 @@ impl<'a> Lights<'a> {
     ) -> SourceIrradiance {
         let mut result = SourceIrradiance::default();
         let mut tally = Tally::default();
-        self.gather_pieces(chain, image, scratch);
-        let pieces = std::mem::take(&mut scratch.pieces);
-        let small = std::mem::take(&mut scratch.small);
-        let whole: f64 =
-            pieces.iter().map(|p| p.weight).sum::<f64>() + small.iter().map(|s| s.1).sum::<f64>();
+        self.gather_pieces(chain, image, samples, scratch);
+        let found = Found {
+            pieces: std::mem::take(&mut scratch.pieces),
+            small: std::mem::take(&mut scratch.small),
+            loose: std::mem::take(&mut scratch.loose),
+            windows: std::mem::take(&mut scratch.windows),
+        };
+        let Found { pieces, small, loose, .. } = &found;
+        let groups: f64 = small.iter().chain(loose).map(|s| s.1).sum();
+        let whole: f64 = pieces.iter().map(|p| p.weight).sum::<f64>() + groups;
         if whole > 0.0 {
             // Large pieces get strata of their own, small ones share.
             let share = f64::from(samples) / whole;
             let mut leftover = 0.0;
             for (index, piece) in pieces.iter().enumerate() {
                 let expected = piece.weight * share;
-                if expected < 1.5 && pieces.len() + small.len() > 4 {
+                if expected < 1.5 && !found.is_few() {
                     leftover += piece.weight;
                     continue;
                 }
@@ -222,13 +268,13 @@ impl<'a> Lights<'a> {
                 result.irradiance += part;
                 result.unoccluded += self.emitters.cells()[piece.cell as usize].radiance * piece.unit as f32;
             }
-            let total_small: f64 = leftover + small.iter().map(|s| s.1).sum::<f64>();
+            let total_small = leftover + groups;
             if total_small > 0.0 {
                 let part = self.shared(
                     receiver,
                     chain,
                     image,
-                    (&pieces, &small),
+                    &found,
                     (total_small, share, samples),
                     key,
                     scratch,
@@ -238,8 +284,10 @@ impl<'a> Lights<'a> {
                 result.unoccluded += part.unoccluded;
             }
         }
-        scratch.pieces = pieces;
-        scratch.small = small;
+        scratch.pieces = found.pieces;
+        scratch.small = found.small;
+        scratch.loose = found.loose;
+        scratch.windows = found.windows;
         if !self.bright.is_empty() {
             let part = self.bright_part(receiver, chain, image, samples, key, scratch, &mut tally);
             result.irradiance += part.irradiance;
@@ -250,47 +298,71 @@ impl<'a> Lights<'a> {
     }
 
     /// The parts of the emitters that the receiver may see, clipped to horizon and windows.
-    fn gather_pieces(&self, chain: Option<&ImageChain>, image: &Unfolded, scratch: &mut Scratch) {
-        scratch.pieces.clear();
-        scratch.small.clear();
-        let (pieces, small) = (&mut scratch.pieces, &mut scratch.small);
-        self.emitters.cut(image.position, image.geometric, |part| match part {
-            Part::Group(group) => {
-                let irradiance = self.emitters.group_irradiance(group, image.position, image.normal);
-                if irradiance.max_element() > 0.0 {
-                    small.push((group, f64::from(irradiance.element_sum())));
+    fn gather_pieces(
+        &self,
+        chain: Option<&ImageChain>,
+        image: &Unfolded,
+        samples: u32,
+        scratch: &mut Scratch,
+    ) {
+        let Scratch { pieces, small, loose, cut, windows, .. } = scratch;
+        pieces.clear();
+        small.clear();
+        loose.clear();
+        windows.clear();
+        if let Some(chain) = chain {
+            self.chains.windows(chain, |outlines| {
+                if !outlines.is_empty() {
+                    windows.push(Window::new(image.position, outlines));
                 }
-            }
-            Part::Cell(index) => {
-                let cell = &self.emitters.cells()[index as usize];
-                let mut add = |polygon: Polygon, whole: bool| {
-                    let unit = contour::irradiance(image.position, image.normal, &polygon);
-                    if unit > 0.0 {
-                        let weight = unit * f64::from(cell.radiance.element_sum());
-                        pieces.push(Piece { polygon, cell: index, whole, unit, weight });
+            });
+        }
+        let budget = PARTS + PARTS_PER_SAMPLE * samples as usize;
+        self.emitters.tree().cut(self.emitters.cells(), &image.view(windows), budget, cut);
+        for part in cut.parts() {
+            match part {
+                Part::Group(group) => {
+                    let irradiance = self.emitters.tree().irradiance(group, image.position, image.normal);
+                    if irradiance.max_element() > 0.0 {
+                        small.push((group, f64::from(irradiance.element_sum())));
                     }
-                };
-                let outline = cell.polygon();
-                let horizon = outline.clipped(image.geometric, image.geometric.dot(image.position));
-                if horizon.is_empty() {
-                    return;
                 }
-                let uncut = horizon.corners().len() == outline.corners().len();
-                match chain {
-                    None => add(horizon, uncut),
-                    Some(chain) => self.chains.windows(chain, |windows| {
-                        let mut polygon = horizon;
-                        for window in windows {
-                            polygon = polygon.seen_through(image.position, window);
-                            if polygon.is_empty() {
-                                return;
-                            }
-                        }
-                        add(polygon, false);
-                    }),
+                Part::Loose(group, bound) => loose.push((group, bound)),
+                Part::Cell(index) => self.pieces_of(index, image, windows, |piece| pieces.push(piece)),
+            }
+        }
+    }
+
+    /// The parts of a cell above the horizon, one for each window that shows some.
+    fn pieces_of(&self, index: u32, image: &Unfolded, windows: &[Window], mut visit: impl FnMut(Piece)) {
+        let cell = &self.emitters.cells()[index as usize];
+        let mut add = |polygon: Polygon, whole: bool| {
+            let unit = contour::irradiance(image.position, image.normal, &polygon);
+            if unit > 0.0 {
+                let weight = unit * f64::from(cell.radiance.element_sum());
+                visit(Piece { polygon, cell: index, whole, unit, weight });
+            }
+        };
+        let outline = cell.polygon();
+        let horizon = outline.clipped(image.geometric, image.geometric.dot(image.position));
+        if horizon.is_empty() {
+            return;
+        }
+        if windows.is_empty() {
+            add(horizon, horizon.corners().len() == outline.corners().len());
+        }
+        for window in windows {
+            let mut polygon = horizon;
+            for outline in &window.outlines {
+                polygon = polygon.seen_through(image.position, outline);
+                if polygon.is_empty() {
+                    break;
                 }
             }
-        });
+            if !polygon.is_empty() {
+                add(polygon, false);
+            }
+        }
     }
 
     /// Throughput from the receiver to a point of a source.
@@ -373,7 +445,7 @@ impl<'a> Lights<'a> {
         receiver: &Receiver,
         chain: Option<&ImageChain>,
         image: &Unfolded,
-        (pieces, small): (&[Piece], &[(u32, f64)]),
+        found: &Found,
         (total, share, samples): (f64, f64, u32),
         key: Key,
         scratch: &mut Scratch,
@@ -386,49 +458,83 @@ impl<'a> Lights<'a> {
         let mut next = f64::from(key.uniform(0)) * step;
         let mut position = 0.0;
         let mut drawn = 0;
-        let few = pieces.len() + small.len() <= 4;
-        let candidates = pieces
-            .iter()
-            .enumerate()
-            .filter(|(_, p)| p.weight * share < 1.5 && !few)
-            .map(|(i, p)| (Err(i), p.weight))
-            .chain(small.iter().map(|s| (Ok(s.0), s.1)));
-        for (which, weight) in candidates {
-            let irradiance = match which {
-                Ok(group) => self.emitters.group_irradiance(group, image.position, image.normal),
-                Err(piece) => {
-                    let piece: &Piece = &pieces[piece];
-                    self.emitters.cells()[piece.cell as usize].radiance * piece.unit as f32
-                }
+        let few = found.is_few();
+        let shares = |p: &Piece| p.weight * share < 1.5 && !few;
+        let pieces = found.pieces.iter().filter(|p| shares(p)).map(|p| (Shared::Piece(p), p.weight));
+        let small = found.small.iter().map(|s| (Shared::Small(s.0), s.1));
+        let loose = found.loose.iter().map(|s| (Shared::Loose(s.0), s.1));
+        for (which, weight) in pieces.chain(small).chain(loose) {
+            let known = match which {
+                Shared::Small(group) => self.emitters.tree().irradiance(group, image.position, image.normal),
+                Shared::Piece(piece) => piece.irradiance(&self.emitters),
+                Shared::Loose(_) => Rgb::ZERO,
             };
-            result.unoccluded += irradiance;
+            result.unoccluded += known;
             while next < position + weight && drawn < count {
                 let inner = ((next - position) / weight).clamp(0.0, 1.0 - 1e-12);
-                let other = f64::from(key.point1(drawn + 1));
-                let (cell, light) = match which {
-                    Ok(group) => {
-                        let (index, rest) = self.emitters.choose_cell(group, inner);
-                        let cell = &self.emitters.cells()[index as usize];
-                        (cell, cell.point(rest, other))
-                    }
-                    Err(piece) => {
-                        let piece = &pieces[piece];
-                        (&self.emitters.cells()[piece.cell as usize], piece.polygon.point(inner, other))
-                    }
-                };
+                let sampled = self.sample(which, known, image, &found.windows, inner, key, drawn + 1);
+                next += step;
+                drawn += 1;
+                let Some((index, light, whole)) = sampled else { continue };
+                let cell = &self.emitters.cells()[index as usize];
+                // Each sample stands for an equal share of the weight.
+                let mut each = whole * (step / weight) as f32;
+                if let Shared::Loose(_) = which {
+                    result.unoccluded += each;
+                }
                 let offset = light - image.position;
                 let distance = offset.length();
                 let cos = (image.normal.dot(offset) / distance) as f32;
+                if cell.textured {
+                    each *= cell.radiance_at(self.tracer, light) / cell.radiance.max(Rgb::splat(1e-30));
+                }
                 let seen = self.throughput(receiver, chain, light, cell.plane, distance, scratch, tally);
-                // Each sample stands for an equal share of the weight.
-                let each = irradiance * (step / weight) as f32;
                 result.irradiance += each * seen * receiver.coat.transmittance(cos);
-                next += step;
-                drawn += 1;
             }
             position += weight;
         }
         result
+    }
+
+    /// A point of what is shared: its cell, the point, and the irradiance of the whole (`known`, or by this sample).
+    fn sample(
+        &self,
+        which: Shared,
+        known: Rgb,
+        image: &Unfolded,
+        windows: &[Window],
+        inner: f64,
+        key: Key,
+        number: u32,
+    ) -> Option<(u32, DVec3, Rgb)> {
+        let other = f64::from(key.point1(number));
+        let tree = self.emitters.tree();
+        match which {
+            Shared::Piece(piece) => Some((piece.cell, piece.polygon.point(inner, other), known)),
+            Shared::Small(group) => {
+                let (index, rest) = tree.choose(group, inner);
+                Some((index, self.emitters.cells()[index as usize].point(rest, other), known))
+            }
+            Shared::Loose(group) => {
+                let (index, probability, rest) = tree.draw(group, &image.view(windows), inner)?;
+                // Of the parts of the cell, seen through several windows, one in proportion.
+                let mut chosen: Option<Piece> = None;
+                let (mut total, mut count) = (0.0, 0);
+                let key = key.child(number);
+                let cell = &self.emitters.cells()[index as usize];
+                if cell.normal.dot(image.position - cell.corner) > 0.0 {
+                    self.pieces_of(index, image, windows, |piece| {
+                        total += piece.unit;
+                        count += 1;
+                        if f64::from(key.uniform(count)) * total < piece.unit {
+                            chosen = Some(piece);
+                        }
+                    });
+                }
+                let light = chosen?.polygon.point(rest, other);
+                Some((index, light, cell.radiance * (total / probability) as f32))
+            }
+        }
     }
 
     /// Bright texels of the sky, by systematic samples in proportion to what they send.
