@@ -37,10 +37,7 @@ impl Certificate {
         };
         match serde_json::from_str(&text) {
             Ok(fields) => Ok(Certificate { fields }),
-            Err(error) => Err(DiffError::Json {
-                path,
-                reason: error.to_string(),
-            }),
+            Err(error) => Err(DiffError::Json { path, reason: error.to_string() }),
         }
     }
 
@@ -68,11 +65,7 @@ impl Certificate {
 /// The limits that hold for a reference: those of `NAME.limits.json`, or else of its certificate.
 pub fn limits_beside(reference: &Path) -> Result<Limits, DiffError> {
     let path = limits_path(reference);
-    if path.is_file() {
-        Limits::read(&path)
-    } else {
-        Certificate::beside(reference)?.limits(reference)
-    }
+    if path.is_file() { Limits::read(&path) } else { Certificate::beside(reference)?.limits(reference) }
 }
 
 /// How a reference is approved.
@@ -98,43 +91,32 @@ pub fn approve(test: &Path, reference: &Path, approval: &Approval) -> Result<(),
 
     // The certificate: what the image says of itself, what it replaces, what it must be held to.
     let bytes = std::fs::read(test).map_err(|error| DiffError::io(test, error))?;
-    let replaced = std::fs::read(reference)
-        .ok()
-        .map(|bytes| json!(fingerprint(&bytes)));
+    let replaced = std::fs::read(reference).ok().map(|bytes| json!(fingerprint(&bytes)));
     let mut fields = Map::new();
     for (key, text) in &image.attributes {
         fields.insert(key.clone(), json!(text));
     }
     for key in ["scene", "scene_hash", "licence", "license"] {
         if let Some(value) = old.fields.get(key) {
-            fields
-                .entry(key.to_owned())
-                .or_insert_with(|| value.clone());
+            fields.entry(key.to_owned()).or_insert_with(|| value.clone());
         }
     }
     fields.insert("size".into(), json!([image.width, image.height]));
     fields.insert("fnv1a64".into(), json!(fingerprint(&bytes)));
     fields.insert("replaces_fnv1a64".into(), replaced.unwrap_or(Value::Null));
     fields.insert("approved".into(), json!(approval.date));
-    fields.insert(
-        "approved_with".into(),
-        json!(concat!("catoptric-diff ", env!("CARGO_PKG_VERSION"))),
-    );
+    fields.insert("approved_with".into(), json!(concat!("catoptric-diff ", env!("CARGO_PKG_VERSION"))));
     fields.insert("note".into(), json!(approval.note));
     fields.insert("limits".into(), json!(limits));
-    let text = serde_json::to_string_pretty(&fields)
-        .map_err(|e| DiffError::Approve(e.to_string()))?
-        + "\n";
+    let text = serde_json::to_string_pretty(&fields).map_err(|e| DiffError::Approve(e.to_string()))? + "\n";
 
     write_bytes_atomically(reference, &bytes).map_err(|error| DiffError::io(reference, error))?;
     // A limits file of its own would hide the limits of the certificate: keep the two equal.
     let own = limits_path(reference);
     if own.is_file() {
-        let text = serde_json::to_string_pretty(&limits)
-            .map_err(|e| DiffError::Approve(e.to_string()))?
-            + "\n";
-        write_bytes_atomically(&own, text.as_bytes())
-            .map_err(|error| DiffError::io(&own, error))?;
+        let text =
+            serde_json::to_string_pretty(&limits).map_err(|e| DiffError::Approve(e.to_string()))? + "\n";
+        write_bytes_atomically(&own, text.as_bytes()).map_err(|error| DiffError::io(&own, error))?;
     }
     let path = certificate_path(reference);
     write_bytes_atomically(&path, text.as_bytes()).map_err(|error| DiffError::io(&path, error))
@@ -142,9 +124,9 @@ pub fn approve(test: &Path, reference: &Path, approval: &Approval) -> Result<(),
 
 /// FNV-1a, 64 bits: tells files apart, no more.
 fn fingerprint(bytes: &[u8]) -> String {
-    let hash = bytes.iter().fold(0xcbf2_9ce4_8422_2325u64, |h, &b| {
-        (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
-    });
+    let hash = bytes
+        .iter()
+        .fold(0xcbf2_9ce4_8422_2325u64, |h, &b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
     format!("{hash:016x}")
 }
 
@@ -156,9 +138,7 @@ pub(crate) fn check_approval(
 ) -> Result<(Image, Limits), DiffError> {
     if test.extension() != reference.extension() {
         let (t, r) = (test.display(), reference.display());
-        return Err(DiffError::Approve(format!(
-            "{t} cannot replace {r}: their names end differently"
-        )));
+        return Err(DiffError::Approve(format!("{t} cannot replace {r}: their names end differently")));
     }
     let image = Image::read(test, &ReadLimits::default())?;
     let standing = limits_beside(reference)?;

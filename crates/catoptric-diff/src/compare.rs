@@ -61,11 +61,7 @@ impl LayerComparison {
 
     /// The layer's name for people.
     pub fn title(&self) -> &str {
-        if self.layer.is_empty() {
-            "beauty"
-        } else {
-            &self.layer
-        }
+        if self.layer.is_empty() { "beauty" } else { &self.layer }
     }
 }
 
@@ -73,19 +69,10 @@ impl LayerComparison {
 pub fn compare(test: &Image, reference: &Image, params: &Params) -> Result<Comparison, DiffError> {
     let [test_size, reference_size] = [test, reference].map(|image| [image.width, image.height]);
     if test_size != reference_size {
-        return Err(DiffError::Size {
-            test: test_size,
-            reference: reference_size,
-        });
+        return Err(DiffError::Size { test: test_size, reference: reference_size });
     }
     let region = Region::new(test, params)?;
-    let colour = |image: &Image| {
-        image
-            .layers()
-            .into_iter()
-            .filter(|l| l != NOISE_LAYER)
-            .collect::<Vec<_>>()
-    };
+    let colour = |image: &Image| image.layers().into_iter().filter(|l| l != NOISE_LAYER).collect::<Vec<_>>();
     let (ours, theirs) = (colour(test), colour(reference));
     let names = match &params.layers {
         Some(names) => names.clone(),
@@ -94,43 +81,21 @@ pub fn compare(test: &Image, reference: &Image, params: &Params) -> Result<Compa
     let mut layers = Vec::new();
     for layer in names {
         let pixels = |image: &Image, which, present: &[String]| {
-            let missing = || DiffError::Layer {
-                which,
-                layer: layer.clone(),
-                present: listed(present),
-            };
+            let missing = || DiffError::Layer { which, layer: layer.clone(), present: listed(present) };
             image.rgb(&layer).ok_or_else(missing)
         };
-        let (t, r) = (
-            pixels(test, "test image", &ours)?,
-            pixels(reference, "reference", &theirs)?,
-        );
+        let (t, r) = (pixels(test, "test image", &ours)?, pixels(reference, "reference", &theirs)?);
         let (t, r) = (region.cut(&t, test.width), region.cut(&r, test.width));
         let noise = standard_error(&layer, &r, reference, &region, params);
-        let mut pair = Pair::new(
-            region.width,
-            region.height,
-            t,
-            r,
-            [test.encoding, reference.encoding],
-            params.space,
-        );
+        let mut pair =
+            Pair::new(region.width, region.height, t, r, [test.encoding, reference.encoding], params.space);
         pair.selected = region.selected.clone();
         pair.noise = noise;
         let metrics = params.metrics.as_deref().unwrap_or(&Metric::ALL);
-        let readings = metrics
-            .iter()
-            .flat_map(|m| m.measure(&pair, &params.settings))
-            .collect();
-        layers.push(LayerComparison {
-            layer,
-            readings,
-            noise: noise_verdict(&pair),
-            pair,
-        });
+        let readings = metrics.iter().flat_map(|m| m.measure(&pair, &params.settings)).collect();
+        layers.push(LayerComparison { layer, readings, noise: noise_verdict(&pair), pair });
     }
-    let without =
-        |a: &[String], b: &[String]| a.iter().filter(|l| !b.contains(l)).cloned().collect();
+    let without = |a: &[String], b: &[String]| a.iter().filter(|l| !b.contains(l)).cloned().collect();
     Ok(Comparison {
         layers,
         only_in_test: without(&ours, &theirs),
@@ -145,56 +110,25 @@ fn common_layers(
     test: &Image,
     reference: &Image,
 ) -> Result<Vec<String>, DiffError> {
-    let common: Vec<String> = ours
-        .iter()
-        .filter(|l| theirs.contains(l))
-        .cloned()
-        .collect();
+    let common: Vec<String> = ours.iter().filter(|l| theirs.contains(l)).cloned().collect();
     if !common.is_empty() {
         return Ok(common);
     }
-    let same = test
-        .channels
-        .iter()
-        .map(|c| c.name.clone())
-        .filter(|name| reference.channel(name).is_some());
+    let same = test.channels.iter().map(|c| c.name.clone()).filter(|name| reference.channel(name).is_some());
     let same: Vec<String> = same.collect();
     if same.is_empty() {
-        let names = |image: &Image| {
-            listed(
-                &image
-                    .channels
-                    .iter()
-                    .map(|c| c.name.clone())
-                    .collect::<Vec<_>>(),
-            )
-        };
+        let names =
+            |image: &Image| listed(&image.channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>());
         let both = format!("{} against {}", names(test), names(reference));
-        return Err(DiffError::Layer {
-            which: "reference",
-            layer: "in common".into(),
-            present: both,
-        });
+        return Err(DiffError::Layer { which: "reference", layer: "in common".into(), present: both });
     }
     Ok(same)
 }
 
 fn listed(names: &[String]) -> String {
-    let names: Vec<&str> = names
-        .iter()
-        .map(|n| {
-            if n.is_empty() {
-                "the beauty"
-            } else {
-                n.as_str()
-            }
-        })
-        .collect();
-    if names.is_empty() {
-        "none".to_owned()
-    } else {
-        names.join(", ")
-    }
+    let names: Vec<&str> =
+        names.iter().map(|n| if n.is_empty() { "the beauty" } else { n.as_str() }).collect();
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
 /// The standard error of a layer of the reference: its own layer, or relative to its value.
@@ -205,36 +139,15 @@ fn standard_error(
     region: &Region,
     params: &Params,
 ) -> Option<Vec<Rgb>> {
-    let name = if layer.is_empty() {
-        NOISE_LAYER.to_owned()
-    } else {
-        format!("{NOISE_LAYER}.{layer}")
-    };
+    let name = if layer.is_empty() { NOISE_LAYER.to_owned() } else { format!("{NOISE_LAYER}.{layer}") };
     if reference.channel(&format!("{name}.R")).is_some() {
         let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
-        return reference.rgb(&name).map(|se| {
-            region
-                .cut(&se, reference.width)
-                .into_iter()
-                .map(|p| p.map(finite))
-                .collect()
-        });
+        return reference
+            .rgb(&name)
+            .map(|se| region.cut(&se, reference.width).into_iter().map(|p| p.map(finite)).collect());
     }
     let relative = params.relative_standard_error? as f32;
-    Some(
-        pixels
-            .iter()
-            .map(|p| {
-                p.map(|v| {
-                    if v.is_finite() {
-                        v.abs() * relative
-                    } else {
-                        0.0
-                    }
-                })
-            })
-            .collect(),
-    )
+    Some(pixels.iter().map(|p| p.map(|v| if v.is_finite() { v.abs() * relative } else { 0.0 })).collect())
 }
 
 /// The part of the image that is compared.
@@ -258,13 +171,7 @@ impl Region {
                 "the crop {left},{top},{width},{height} is not inside {w}x{h}"
             )));
         }
-        let mut region = Region {
-            left,
-            top,
-            width,
-            height,
-            selected: None,
-        };
+        let mut region = Region { left, top, width, height, selected: None };
         if let Some(mask) = &params.mask {
             if (mask.width, mask.height) != (image.width, image.height) {
                 let (w, h) = (mask.width, mask.height);
@@ -273,21 +180,12 @@ impl Region {
                     image.width, image.height
                 )));
             }
-            let name = mask
-                .layers()
-                .into_iter()
-                .next()
-                .unwrap_or_else(|| mask.channels[0].name.clone());
+            let name = mask.layers().into_iter().next().unwrap_or_else(|| mask.channels[0].name.clone());
             let pixels = mask.rgb(&name).unwrap_or_default();
-            let selected: Vec<bool> = region
-                .cut(&pixels, mask.width)
-                .iter()
-                .map(|p| p.iter().any(|&v| v > 0.0))
-                .collect();
+            let selected: Vec<bool> =
+                region.cut(&pixels, mask.width).iter().map(|p| p.iter().any(|&v| v > 0.0)).collect();
             if !selected.contains(&true) {
-                return Err(DiffError::Region(
-                    "the mask selects no pixel of the region".to_owned(),
-                ));
+                return Err(DiffError::Region("the mask selects no pixel of the region".to_owned()));
             }
             region.selected = Some(selected);
         }
@@ -295,12 +193,7 @@ impl Region {
     }
 
     fn cut(&self, pixels: &[Rgb], width: usize) -> Vec<Rgb> {
-        let rows = pixels
-            .chunks_exact(width.max(1))
-            .skip(self.top)
-            .take(self.height);
-        rows.flat_map(|row| &row[self.left..self.left + self.width])
-            .copied()
-            .collect()
+        let rows = pixels.chunks_exact(width.max(1)).skip(self.top).take(self.height);
+        rows.flat_map(|row| &row[self.left..self.left + self.width]).copied().collect()
     }
 }

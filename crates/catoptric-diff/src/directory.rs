@@ -22,43 +22,26 @@ pub fn run_directories(
     let (ours, theirs) = (images(test)?, images(reference)?);
     if ours.is_empty() && theirs.is_empty() {
         let (t, r) = (test.display(), reference.display());
-        return Err(DiffError::Region(format!(
-            "neither {t} nor {r} holds an image"
-        )));
+        return Err(DiffError::Region(format!("neither {t} nor {r} holds an image")));
     }
     let mut entries = Vec::new();
     for name in ours.union(&theirs) {
         let title = name.display().to_string();
-        let mut entry = Entry {
-            name: title.clone(),
-            state: EntryState::Missing,
-            numbers: None,
-            report: None,
-        };
+        let mut entry =
+            Entry { name: title.clone(), state: EntryState::Missing, numbers: None, report: None };
         let mut outcome = None;
         if !theirs.contains(name) {
             entry.state = EntryState::Extra;
         } else if ours.contains(name) {
             let mut own = job.clone();
-            own.html = job
-                .html
-                .as_ref()
-                .map(|folder| folder.join(format!("{title}.html")));
+            own.html = job.html.as_ref().map(|folder| folder.join(format!("{title}.html")));
             own.pictures = job.pictures.as_ref().map(|folder| folder.join(name));
             match run(&own, &test.join(name), &reference.join(name)) {
                 Ok(found) => {
-                    entry.state = if found.within() {
-                        EntryState::Within
-                    } else {
-                        EntryState::Outside
-                    };
+                    entry.state = if found.within() { EntryState::Within } else { EntryState::Outside };
                     entry.report = job.html.as_ref().map(|_| format!("{title}.html"));
                     let beauty = found.comparison.layers.first();
-                    let number = |name| {
-                        beauty
-                            .and_then(|l| l.reading(name))
-                            .map_or(f64::NAN, |r| r.value)
-                    };
+                    let number = |name| beauty.and_then(|l| l.reading(name)).map_or(f64::NAN, |r| r.value);
                     entry.numbers = Some(["FLIP", "relMSE", "lum_ratio"].map(number));
                     outcome = Some(found);
                 }
@@ -70,11 +53,7 @@ pub fn run_directories(
     }
     entries.sort_by(Entry::order);
     if let Some(folder) = &job.html {
-        let page = index_page(
-            &test.display().to_string(),
-            &reference.display().to_string(),
-            &entries,
-        );
+        let page = index_page(&test.display().to_string(), &reference.display().to_string(), &entries);
         write_page(&folder.join("index.html"), &page)?;
     }
     Ok(entries)
@@ -109,12 +88,7 @@ fn images(folder: &Path) -> Result<BTreeSet<PathBuf>, DiffError> {
     Ok(found)
 }
 
-fn collect(
-    root: &Path,
-    below: &Path,
-    depth: usize,
-    found: &mut BTreeSet<PathBuf>,
-) -> Result<(), DiffError> {
+fn collect(root: &Path, below: &Path, depth: usize, found: &mut BTreeSet<PathBuf>) -> Result<(), DiffError> {
     let folder = root.join(below);
     let entries = std::fs::read_dir(&folder).map_err(|error| DiffError::io(&folder, error))?;
     for entry in entries {

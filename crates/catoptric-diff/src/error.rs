@@ -57,9 +57,6 @@ pub enum DiffError {
 
 impl DiffError {
     pub(crate) fn io(path: &std::path::Path, source: std::io::Error) -> Self {
-        DiffError::Io {
-            path: path.to_path_buf(),
-            source,
-        }
+        DiffError::Io { path: path.to_path_buf(), source }
     }
 }

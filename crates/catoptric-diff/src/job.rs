@@ -73,10 +73,7 @@ impl Outcome {
 
 /// Compares two files, checks the limits and writes what was asked for.
 pub fn run(job: &Job, test: &Path, reference: &Path) -> Result<Outcome, DiffError> {
-    let (t, r) = rayon::join(
-        || Image::read(test, &job.read),
-        || Image::read(reference, &job.read),
-    );
+    let (t, r) = rayon::join(|| Image::read(test, &job.read), || Image::read(reference, &job.read));
     let (test_image, reference_image) = (t?, r?);
     let standing = match &job.limits_file {
         Some(file) => Limits::read(file)?,
@@ -84,9 +81,8 @@ pub fn run(job: &Job, test: &Path, reference: &Path) -> Result<Outcome, DiffErro
     };
     let limits = standing.overridden_by(&job.limits);
     let mut params = job.params.clone();
-    params.relative_standard_error = params
-        .relative_standard_error
-        .or(Certificate::beside(reference)?.relative_standard_error());
+    params.relative_standard_error =
+        params.relative_standard_error.or(Certificate::beside(reference)?.relative_standard_error());
     if let Some(mask) = &job.mask {
         params.mask = Some(Image::read(mask, &job.read)?);
     }
@@ -98,20 +94,12 @@ pub fn run(job: &Job, test: &Path, reference: &Path) -> Result<Outcome, DiffErro
     let comparison = compare(&test_image, &reference_image, &params)?;
     let checks = limits.check(&comparison)?;
     let notes = notes(&comparison, &params, &limits);
-    let outcome = Outcome {
-        comparison,
-        checks,
-        notes,
-    };
+    let outcome = Outcome { comparison, checks, notes };
 
     if let Some(path) = &job.html {
         let [test, reference] = [test, reference].map(|p| p.display().to_string());
-        let heading = Heading {
-            test: &test,
-            reference: &reference,
-            checks: &outcome.checks,
-            notes: &outcome.notes,
-        };
+        let heading =
+            Heading { test: &test, reference: &reference, checks: &outcome.checks, notes: &outcome.notes };
         write_page(path, &report::html(&outcome.comparison, &heading))?;
     }
     if let Some(folder) = &job.pictures {
@@ -139,28 +127,16 @@ pub(crate) fn write_page(path: &Path, html: &str) -> Result<(), DiffError> {
 fn notes(comparison: &Comparison, params: &Params, limits: &Limits) -> Vec<String> {
     let mut notes = Vec::new();
     let names = |layers: &[String]| {
-        let names: Vec<&str> = layers
-            .iter()
-            .map(|l| {
-                if l.is_empty() {
-                    "the beauty"
-                } else {
-                    l.as_str()
-                }
-            })
-            .collect();
+        let names: Vec<&str> =
+            layers.iter().map(|l| if l.is_empty() { "the beauty" } else { l.as_str() }).collect();
         names.join(", ")
     };
     if params.layers.is_none() {
-        for (layers, which) in [
-            (&comparison.only_in_test, "test image"),
-            (&comparison.only_in_reference, "reference"),
-        ] {
+        for (layers, which) in
+            [(&comparison.only_in_test, "test image"), (&comparison.only_in_reference, "reference")]
+        {
             if !layers.is_empty() {
-                notes.push(format!(
-                    "Not compared, because only the {which} has them: {}.",
-                    names(layers)
-                ));
+                notes.push(format!("Not compared, because only the {which} has them: {}.", names(layers)));
             }
         }
     }

@@ -16,9 +16,7 @@ pub mod pictures;
 pub mod report;
 mod sums;
 
-pub use certificate::{
-    Approval, Certificate, approve, certificate_path, limits_beside, limits_path,
-};
+pub use certificate::{Approval, Certificate, approve, certificate_path, limits_beside, limits_path};
 pub use compare::{Comparison, LayerComparison, Params, compare};
 pub use directory::{approve_directory, run_directories};
 pub use error::DiffError;

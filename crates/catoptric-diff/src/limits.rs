@@ -66,9 +66,7 @@ impl Limits {
     /// Percentiles that the names ask for.
     pub fn percentiles(&self) -> Vec<f64> {
         let names = self.max.keys().chain(self.min.keys());
-        names
-            .filter_map(|name| percentile_of(split(name).1))
-            .collect()
+        names.filter_map(|name| percentile_of(split(name).1)).collect()
     }
 
     /// What of `self` would be looser under `new`, in words.
@@ -124,13 +122,7 @@ impl Limits {
         for (name, &limit) in &self.min {
             let (layer, metric, reading) = find(comparison, name)?;
             let (value, limit_text) = (reading.value, format!("≥ {limit}"));
-            checks.push(Check {
-                layer,
-                metric,
-                value,
-                limit: limit_text,
-                holds: value >= limit,
-            });
+            checks.push(Check { layer, metric, value, limit: limit_text, holds: value >= limit });
         }
         if self.explained_by_noise {
             let layer = beauty(comparison)?;
@@ -151,11 +143,8 @@ impl Limits {
 
 /// Parses `METRIC=VALUE`.
 pub fn parse_limit(text: &str) -> Result<(String, f64), DiffError> {
-    let wrong = || {
-        DiffError::Limit(format!(
-            "{text:?} is not METRIC=VALUE, as in relMSE=1e-3 or direct:p99_rel=0.1"
-        ))
-    };
+    let wrong =
+        || DiffError::Limit(format!("{text:?} is not METRIC=VALUE, as in relMSE=1e-3 or direct:p99_rel=0.1"));
     let (name, value) = text.split_once('=').ok_or_else(wrong)?;
     let value: f64 = value.trim().parse().map_err(|_| wrong())?;
     if name.trim().is_empty() || value.is_nan() {
@@ -167,22 +156,10 @@ pub fn parse_limit(text: &str) -> Result<(String, f64), DiffError> {
 fn upper(comparison: &Comparison, name: &str, limit: f64) -> Result<Check, DiffError> {
     let (layer, metric, reading) = find(comparison, name)?;
     if reading.sense == Sense::HigherIsBetter {
-        return Err(DiffError::Limit(format!(
-            "{name} is better when it is higher: give it with --min"
-        )));
+        return Err(DiffError::Limit(format!("{name} is better when it is higher: give it with --min")));
     }
-    let text = if reading.sense == Sense::NearOne {
-        format!("1 ± {limit}")
-    } else {
-        format!("≤ {limit}")
-    };
-    Ok(Check {
-        layer,
-        metric,
-        value: reading.value,
-        limit: text,
-        holds: reading.distance() <= limit,
-    })
+    let text = if reading.sense == Sense::NearOne { format!("1 ± {limit}") } else { format!("≤ {limit}") };
+    Ok(Check { layer, metric, value: reading.value, limit: text, holds: reading.distance() <= limit })
 }
 
 fn find<'a>(
@@ -205,32 +182,21 @@ fn find<'a>(
         } else {
             ""
         };
-        DiffError::Limit(format!(
-            "no metric is called {metric:?}; there are {}{noise}",
-            known.join(", ")
-        ))
+        DiffError::Limit(format!("no metric is called {metric:?}; there are {}{noise}", known.join(", ")))
     })?;
     Ok((found.layer.clone(), metric.to_owned(), reading))
 }
 
 fn beauty(comparison: &Comparison) -> Result<&LayerComparison, DiffError> {
-    comparison
-        .layers
-        .first()
-        .ok_or_else(|| DiffError::Limit("nothing was compared".to_owned()))
+    comparison.layers.first().ok_or_else(|| DiffError::Limit("nothing was compared".to_owned()))
 }
 
 fn split(name: &str) -> (Option<&str>, &str) {
-    name.rsplit_once(':')
-        .map_or((None, name), |(layer, metric)| (Some(layer), metric))
+    name.rsplit_once(':').map_or((None, name), |(layer, metric)| (Some(layer), metric))
 }
 
 fn qualified(layer: &str, metric: &str) -> String {
-    if layer.is_empty() {
-        metric.to_owned()
-    } else {
-        format!("{layer}:{metric}")
-    }
+    if layer.is_empty() { metric.to_owned() } else { format!("{layer}:{metric}") }
 }
 
 /// The q of `p<q>_abs`, `p<q>_rel`, `p<q>_flip`.

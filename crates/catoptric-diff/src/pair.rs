@@ -92,17 +92,11 @@ impl Pair {
         encodings: [Encoding; 2],
         space: Space,
     ) -> Pair {
-        assert!(
-            test.len() == width * height && reference.len() == width * height,
-            "planes do not fit"
-        );
+        assert!(test.len() == width * height && reference.len() == width * height, "planes do not fit");
         // Count what is not finite, and make it black.
         let mut non_finite = NonFinite::default();
         for (t, r) in test.iter_mut().zip(&mut reference) {
-            let (t_bad, r_bad) = (
-                t.iter().any(|v| !v.is_finite()),
-                r.iter().any(|v| !v.is_finite()),
-            );
+            let (t_bad, r_bad) = (t.iter().any(|v| !v.is_finite()), r.iter().any(|v| !v.is_finite()));
             if t_bad || r_bad {
                 non_finite.nan += usize::from(t.iter().any(|v| v.is_nan()));
                 non_finite.inf += usize::from(t.iter().any(|v| v.is_infinite()));
@@ -121,9 +115,7 @@ impl Pair {
         if coded {
             let planes = [(&mut test, encodings[0]), (&mut reference, encodings[1])];
             codes = Some(planes.map(|(plane, encoding)| match encoding {
-                Encoding::Srgb => map(plane, |v| {
-                    (catoptric_image::srgb::encode(v) * 65535.0).round()
-                }),
+                Encoding::Srgb => map(plane, |v| (catoptric_image::srgb::encode(v) * 65535.0).round()),
                 Encoding::Linear => {
                     let codes = map(plane, |v| v * 65535.0);
                     *plane = map(plane, catoptric_image::srgb::decode);
@@ -148,16 +140,8 @@ impl Pair {
     /// The numbers differences are taken of.
     pub fn values(&self) -> Values<'_> {
         match &self.codes {
-            Some([test, reference]) => Values {
-                test,
-                reference,
-                unit: 1.0 / 65535.0,
-            },
-            None => Values {
-                test: &self.test,
-                reference: &self.reference,
-                unit: 1.0,
-            },
+            Some([test, reference]) => Values { test, reference, unit: 1.0 / 65535.0 },
+            None => Values { test: &self.test, reference: &self.reference, unit: 1.0 },
         }
     }
 
@@ -168,16 +152,12 @@ impl Pair {
 
     /// How many pixels count.
     pub fn count(&self) -> usize {
-        self.selected
-            .as_ref()
-            .map_or(self.test.len(), |s| s.iter().filter(|s| **s).count())
+        self.selected.as_ref().map_or(self.test.len(), |s| s.iter().filter(|s| **s).count())
     }
 
     /// Means over the pixels that count.
     pub(crate) fn mean<const K: usize>(&self, term: impl Fn(usize) -> [f64; K] + Sync) -> [f64; K] {
-        let total = sum(self.test.len(), |i| {
-            if self.counts(i) { term(i) } else { [0.0; K] }
-        });
+        let total = sum(self.test.len(), |i| if self.counts(i) { term(i) } else { [0.0; K] });
         total.map(|t| t / self.count().max(1) as f64)
     }
 
@@ -185,12 +165,7 @@ impl Pair {
     pub(crate) fn pool(&self, map: &[f32]) -> Vec<f32> {
         match &self.selected {
             None => map.to_vec(),
-            Some(selected) => map
-                .iter()
-                .zip(selected)
-                .filter(|(_, s)| **s)
-                .map(|(v, _)| *v)
-                .collect(),
+            Some(selected) => map.iter().zip(selected).filter(|(_, s)| **s).map(|(v, _)| *v).collect(),
         }
     }
 
@@ -202,10 +177,7 @@ impl Pair {
                 best = (v, i);
             }
         }
-        (
-            f64::from(best.0),
-            [best.1 % self.width, best.1 / self.width],
-        )
+        (f64::from(best.0), [best.1 % self.width, best.1 / self.width])
     }
 
     /// Mean luminance of the reference, linear.
@@ -216,11 +188,7 @@ impl Pair {
     /// The exposures HDR-FLIP uses for this reference.
     pub fn exposures(&self) -> Exposures {
         *self.maps.exposures.get_or_init(|| {
-            if self.coded {
-                Exposures::None
-            } else {
-                Exposures::of_reference(&self.reference)
-            }
+            if self.coded { Exposures::None } else { Exposures::of_reference(&self.reference) }
         })
     }
 
@@ -245,11 +213,7 @@ impl Pair {
             self.per_pixel(|i| {
                 let (t, r) = (luminance(self.test[i]), luminance(self.reference[i]));
                 let difference = (t - r).abs();
-                if difference == 0.0 {
-                    0.0
-                } else {
-                    difference / (r + floor).max(f64::MIN_POSITIVE)
-                }
+                if difference == 0.0 { 0.0 } else { difference / (r + floor).max(f64::MIN_POSITIVE) }
             })
         })
     }
@@ -259,9 +223,7 @@ impl Pair {
         self.maps.absolute.get_or_init(|| {
             let values = self.values();
             self.per_pixel(|i| {
-                let d = |k: usize| {
-                    (f64::from(values.test[i][k]) - f64::from(values.reference[i][k])).abs()
-                };
+                let d = |k: usize| (f64::from(values.test[i][k]) - f64::from(values.reference[i][k])).abs();
                 d(0).max(d(1)).max(d(2)) * values.unit
             })
         })
@@ -273,37 +235,19 @@ impl Pair {
         self.per_pixel(|i| {
             let (t, r) = (luminance(self.test[i]), luminance(self.reference[i]));
             let scale = t.abs() + r.abs() + floor;
-            if scale > 0.0 {
-                2.0 * (t - r) / scale
-            } else {
-                0.0
-            }
-            .clamp(-1.0, 1.0)
+            if scale > 0.0 { 2.0 * (t - r) / scale } else { 0.0 }.clamp(-1.0, 1.0)
         })
     }
 
     fn per_pixel(&self, value: impl Fn(usize) -> f64 + Sync) -> Vec<f32> {
-        (0..self.test.len())
-            .into_par_iter()
-            .map(|i| value(i) as f32)
-            .collect()
+        (0..self.test.len()).into_par_iter().map(|i| value(i) as f32).collect()
     }
 
     /// Both images as sRGB bytes at the exposure that suits the reference; display-referred images as they are.
     pub fn display(&self) -> [Vec<[u8; 3]>; 2] {
-        let exposure_ev = if self.coded {
-            0.0
-        } else {
-            tone::auto_exposure(&self.reference)
-        };
-        let tone = tone::ToneMap {
-            exposure_ev,
-            curve: tone::Curve::Clip,
-        };
-        [
-            tone::to_srgb8(&self.test, &tone),
-            tone::to_srgb8(&self.reference, &tone),
-        ]
+        let exposure_ev = if self.coded { 0.0 } else { tone::auto_exposure(&self.reference) };
+        let tone = tone::ToneMap { exposure_ev, curve: tone::Curve::Clip };
+        [tone::to_srgb8(&self.test, &tone), tone::to_srgb8(&self.reference, &tone)]
     }
 }
 

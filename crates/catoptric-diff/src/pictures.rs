@@ -33,19 +33,9 @@ pub fn worst_places(pair: &Pair, count: usize) -> Vec<Place> {
     for y in (0..pair.height).step_by(PLACE) {
         for x in (0..pair.width).step_by(PLACE) {
             let (width, height) = (PLACE.min(pair.width - x), PLACE.min(pair.height - y));
-            let pixels =
-                (y..y + height).flat_map(|row| row * pair.width + x..row * pair.width + x + width);
-            let sum: f64 = pixels
-                .filter(|&i| pair.counts(i))
-                .map(|i| f64::from(map[i]))
-                .sum();
-            places.push(Place {
-                x,
-                y,
-                width,
-                height,
-                flip: sum / (width * height) as f64,
-            });
+            let pixels = (y..y + height).flat_map(|row| row * pair.width + x..row * pair.width + x + width);
+            let sum: f64 = pixels.filter(|&i| pair.counts(i)).map(|i| f64::from(map[i])).sum();
+            places.push(Place { x, y, width, height, flip: sum / (width * height) as f64 });
         }
     }
     places.retain(|place| place.flip > 0.0);
@@ -63,17 +53,9 @@ pub fn histogram(pair: &Pair) -> Vec<(f64, usize)> {
         counts[(bin.max(0.0) as usize).min(BINS - 1)] += 1;
     }
     let edge = |bin: usize| {
-        if bin == 0 {
-            0.0
-        } else {
-            libm::pow(10.0, (bin as f64 - 1.0) / 3.0 - 4.0)
-        }
+        if bin == 0 { 0.0 } else { libm::pow(10.0, (bin as f64 - 1.0) / 3.0 - 4.0) }
     };
-    counts
-        .into_iter()
-        .enumerate()
-        .map(|(bin, n)| (edge(bin), n))
-        .collect()
+    counts.into_iter().enumerate().map(|(bin, n)| (edge(bin), n)).collect()
 }
 
 /// Writes the pictures of a layer into a folder and returns their paths.
@@ -88,11 +70,7 @@ pub fn write(pair: &Pair, folder: &Path, prefix: &str) -> Result<Vec<PathBuf>, D
         Ok(())
     };
     let heat: Vec<[u8; 3]> = pair.flip_map().iter().map(|&v| magma(v)).collect();
-    let relative: Vec<[u8; 3]> = pair
-        .relative_map()
-        .iter()
-        .map(|&v| magma(2.0 * v))
-        .collect();
+    let relative: Vec<[u8; 3]> = pair.relative_map().iter().map(|&v| magma(2.0 * v)).collect();
     let signed: Vec<[u8; 3]> = pair.signed_map().into_iter().map(red_blue).collect();
     let [test, reference] = pair.display();
     write("flip", w, h, &heat)?;
@@ -112,8 +90,7 @@ pub fn write(pair: &Pair, folder: &Path, prefix: &str) -> Result<Vec<PathBuf>, D
                 for y in 0..place.height * ZOOM {
                     for x in 0..place.width * ZOOM {
                         let source = (place.y + y / ZOOM) * w + place.x + x / ZOOM;
-                        sheet[(row * line + y) * width + column * (PLACE * ZOOM + 4) + x] =
-                            picture[source];
+                        sheet[(row * line + y) * width + column * (PLACE * ZOOM + 4) + x] = picture[source];
                     }
                 }
             }

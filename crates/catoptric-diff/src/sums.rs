@@ -15,8 +15,7 @@ pub(crate) fn sum<const K: usize>(n: usize, term: impl Fn(usize) -> [f64; K] + S
     let parts: Vec<[f64; K]> = (0..n.div_ceil(CHUNK))
         .into_par_iter()
         .map(|chunk| {
-            (chunk * CHUNK..n.min((chunk + 1) * CHUNK))
-                .fold([0.0; K], |total, i| add(total, term(i)))
+            (chunk * CHUNK..n.min((chunk + 1) * CHUNK)).fold([0.0; K], |total, i| add(total, term(i)))
         })
         .collect();
     parts.into_iter().fold([0.0; K], add)
@@ -42,10 +41,7 @@ mod tests {
     fn sums_are_the_same_bits_for_any_number_of_threads() {
         let value = |i: usize| [libm::sqrt(i as f64), 1.0 / (1 + i) as f64];
         let with = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .build()
-                .expect("threads");
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
             pool.install(|| sum(100_000, value)).map(f64::to_bits)
         };
         assert_eq!(with(1), with(2));

@@ -10,6 +10,7 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use catoptric_trace::walk::WalkParams;
 use catoptric_trace::{Ledger, Tracer};
 
+use crate::caustic::{CausticParams, CausticReport, caustic};
 use crate::draft::{Displayed, Draft};
 use crate::fit::{FitParams, FitSample, fit};
 use crate::gather::{DiffuseLight, Gathered, gather};
@@ -51,6 +52,8 @@ pub struct SolveParams {
     pub gather_reach: f32,
     /// Times.
     pub gather_rounds: u32,
+    /// Light-side rays.
+    pub caustic: CausticParams,
 }
 
 impl SolveParams {
@@ -77,6 +80,7 @@ impl SolveParams {
             solver: SolverParams::default(),
             gather_reach: 1.0,
             gather_rounds,
+            caustic: CausticParams::for_quality(quality),
         }
     }
 }
@@ -100,6 +104,8 @@ pub struct SolveReport {
     pub iterations: usize,
     /// Residual relative to the emitted power where the solver stopped.
     pub residual: f64,
+    /// Light-side rays.
+    pub caustic: CausticReport,
     /// Image chains.
     pub image_chains: usize,
     /// Emitting triangles.
@@ -193,12 +199,23 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         max_vertices: params.sources.max_vertices + base_vertices,
         ..params.sources
     };
+    let unrefined = draft.clone();
     refine(tracer, &mut draft, &field, &mut values, &source_params, progress)?;
     let mut sources = collect(&field, draft.vertices.len());
 
+    // Light over curved mirrors and glass.
+    let (walk, seed) = (params.walk, params.seed);
+    let other = &values.values[..base_vertices];
+    let caustic = caustic(&lights, &unrefined, &base, other, walk, seed, &params.caustic, progress)?;
+    let mut source_light = values.values.clone();
+    if let Some(caustic) = &caustic {
+        report.caustic = caustic.report;
+        source_light.iter_mut().zip(caustic.on(&draft)).for_each(|(light, more)| *light += more);
+    }
+
     // The coarse solve.
     let displayed = draft.display(tracer);
-    let sent = patch_sources(&displayed, &patches, &values.values);
+    let sent = patch_sources(&displayed, &patches, &source_light);
     let locator = PatchLocator { mesh: &base.mesh, of_element: &of_element };
     let rows =
         rows(&lights, &draft, &patches, &locator, params.row_rays, params.seed, &params.walk, progress)?;
@@ -210,7 +227,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     // What gathers see: sources at the refined vertices, and the coarse solution.
     let coarse = spread(&draft, &patches, &solution.indirect);
     let seen: Vec<Rgb> =
-        displayed.origin.iter().map(|&v| values.values[v as usize] + coarse[v as usize]).collect();
+        displayed.origin.iter().map(|&v| source_light[v as usize] + coarse[v as usize]).collect();
     let light = DiffuseLight { mesh: &displayed.mesh, irradiance: &seen };
 
     // The final gather, at base vertices and where surfaces are near.
@@ -260,11 +277,15 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         ("shadow", sources.iter().map(|s| u64::from(s.rays)).sum()),
         ("rows", patches.len() as u64 * u64::from(params.row_rays)),
         ("gather", gathers as u64 * u64::from(params.gather_rays)),
+        ("light", u64::from(report.caustic.rays)),
     ];
 
     // The display mesh with every term.
     let mut result = assemble(tracer, &draft, &sources, &gathered, &patches, &solution.indirect, &sent);
     fit_sources(&lights, &draft, &sources, &mut result, params, spacing, progress)?;
+    if let Some(caustic) = &caustic {
+        result = caustic.add_to(tracer, &mut draft, result);
+    }
     report.faces = result.mesh.faces.len();
     report.elements = result.mesh.elements.len();
     report.vertices = result.mesh.vertices.len();

@@ -76,11 +76,7 @@ pub(crate) struct DiffArgs {
 
 /// Runs the command.
 pub(crate) fn run(args: &DiffArgs) -> ExitCode {
-    let done = if args.approve {
-        approve_files(args)
-    } else {
-        compare_files(args)
-    };
+    let done = if args.approve { approve_files(args) } else { compare_files(args) };
     match done {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(1),
@@ -136,9 +132,10 @@ fn compare_directories(args: &DiffArgs, job: &Job) -> Result<bool, Failure> {
     let entries = run_directories(job, &args.test, &args.reference, |entry, outcome| {
         if args.json {
             let name = Path::new(&entry.name);
-            let details =
-                outcome.map(|o| o.to_json(&args.test.join(name), &args.reference.join(name)));
-            objects.push(serde_json::json!({ "name": entry.name, "state": describe(entry), "outcome": details }));
+            let details = outcome.map(|o| o.to_json(&args.test.join(name), &args.reference.join(name)));
+            objects.push(
+                serde_json::json!({ "name": entry.name, "state": describe(entry), "outcome": details }),
+            );
         } else if !args.quiet || entry.state != EntryState::Within {
             println!("{}: {}", entry.name, describe(entry));
         }
@@ -146,21 +143,16 @@ fn compare_directories(args: &DiffArgs, job: &Job) -> Result<bool, Failure> {
     if args.json {
         print_json(&serde_json::Value::Array(objects));
     }
-    if entries
-        .iter()
-        .any(|e| matches!(e.state, EntryState::Failed(_)))
-    {
+    if entries.iter().any(|e| matches!(e.state, EntryState::Failed(_))) {
         return Err(Failure(String::new()));
     }
     Ok(entries.iter().all(|e| e.state == EntryState::Within))
 }
 
 fn describe(entry: &Entry) -> String {
-    let numbers = entry
-        .numbers
-        .map_or(String::new(), |[flip, relative, energy]| {
-            format!(", FLIP {flip:.4}, relMSE {relative:.3e}, lum_ratio {energy:.4}")
-        });
+    let numbers = entry.numbers.map_or(String::new(), |[flip, relative, energy]| {
+        format!(", FLIP {flip:.4}, relMSE {relative:.3e}, lum_ratio {energy:.4}")
+    });
     match &entry.state {
         EntryState::Within => format!("within limits{numbers}"),
         EntryState::Outside => format!("OUTSIDE LIMITS{numbers}"),
@@ -171,12 +163,8 @@ fn describe(entry: &Entry) -> String {
 }
 
 fn approve_files(args: &DiffArgs) -> Result<bool, Failure> {
-    let approval = Approval {
-        limits: limits(args)?,
-        loosen: args.loosen,
-        note: args.note.clone(),
-        date: today(),
-    };
+    let approval =
+        Approval { limits: limits(args)?, loosen: args.loosen, note: args.note.clone(), date: today() };
     if args.test.is_dir() {
         for name in approve_directory(&args.test, &args.reference, &approval)? {
             println!("approved {}", args.reference.join(name).display());
@@ -189,17 +177,8 @@ fn approve_files(args: &DiffArgs) -> Result<bool, Failure> {
 }
 
 fn limits(args: &DiffArgs) -> Result<Limits, Failure> {
-    let parse = |texts: &[String]| {
-        texts
-            .iter()
-            .map(|t| parse_limit(t))
-            .collect::<Result<_, _>>()
-    };
-    Ok(Limits {
-        max: parse(&args.max)?,
-        min: parse(&args.min)?,
-        explained_by_noise: args.explained_by_noise,
-    })
+    let parse = |texts: &[String]| texts.iter().map(|t| parse_limit(t)).collect::<Result<_, _>>();
+    Ok(Limits { max: parse(&args.max)?, min: parse(&args.min)?, explained_by_noise: args.explained_by_noise })
 }
 
 /// Whether both are directories; a file and a directory cannot be compared.
@@ -224,17 +203,11 @@ fn print_outcome(outcome: &Outcome, args: &DiffArgs) {
         for layer in &outcome.comparison.layers {
             println!("{}", layer.title());
             for reading in &layer.readings {
-                let at = reading
-                    .at
-                    .map_or(String::new(), |[x, y]| format!("  at {x},{y}"));
+                let at = reading.at.map_or(String::new(), |[x, y]| format!("  at {x},{y}"));
                 println!("  {:<16} {:<12.6}{at}", reading.name, Number(reading.value));
             }
             if let Some(noise) = &layer.noise {
-                let verdict = if noise.explained {
-                    "explains"
-                } else {
-                    "does not explain"
-                };
+                let verdict = if noise.explained { "explains" } else { "does not explain" };
                 println!("  the reference's noise {verdict} the difference");
             }
         }
@@ -243,17 +216,8 @@ fn print_outcome(outcome: &Outcome, args: &DiffArgs) {
         }
     }
     for check in outcome.checks.iter().filter(|check| !check.holds) {
-        let layer = if check.layer.is_empty() {
-            String::new()
-        } else {
-            format!("{}:", check.layer)
-        };
-        println!(
-            "OUTSIDE: {layer}{} is {}, the limit {}",
-            check.metric,
-            Number(check.value),
-            check.limit
-        );
+        let layer = if check.layer.is_empty() { String::new() } else { format!("{}:", check.layer) };
+        println!("OUTSIDE: {layer}{} is {}, the limit {}", check.metric, Number(check.value), check.limit);
     }
     if let Some(path) = &args.html {
         println!("report: {}", path.display());
@@ -279,8 +243,7 @@ impl std::fmt::Display for Number {
 }
 
 fn parse_crop(text: &str) -> Result<[usize; 4], String> {
-    let numbers: Result<Vec<usize>, _> =
-        text.split(',').map(|n| n.trim().parse::<usize>()).collect();
+    let numbers: Result<Vec<usize>, _> = text.split(',').map(|n| n.trim().parse::<usize>()).collect();
     numbers
         .ok()
         .and_then(|n| n.try_into().ok())
@@ -305,22 +268,16 @@ fn parse_space(text: &str) -> Result<Space, String> {
 
 /// The day in UTC, by Hinnant's civil-from-days.
 fn today() -> String {
-    let seconds = std::time::SystemTime::now()
-        .duration_since(std::time::UNIX_EPOCH)
-        .map_or(0, |d| d.as_secs());
+    let seconds =
+        std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let days = (seconds / 86_400) as i64 + 719_468;
     let era = days.div_euclid(146_097);
     let day_of_era = days.rem_euclid(146_097);
-    let year_of_era =
-        (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
     let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
     let shifted_month = (5 * day_of_year + 2) / 153;
     let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
-    let month = if shifted_month < 10 {
-        shifted_month + 3
-    } else {
-        shifted_month - 9
-    };
+    let month = if shifted_month < 10 { shifted_month + 3 } else { shifted_month - 9 };
     let year = year_of_era + era * 400 + i64::from(month <= 2);
     format!("{year:04}-{month:02}-{day:02}")
 }

@@ -7,11 +7,7 @@ use catoptric_image::Image;
 
 fn diff(arguments: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_catoptric"));
-    command
-        .arg("diff")
-        .args(arguments)
-        .output()
-        .expect("the binary runs")
+    command.arg("diff").args(arguments).output().expect("the binary runs")
 }
 
 fn code(arguments: &[&str]) -> i32 {
@@ -37,9 +33,7 @@ struct Files {
 
 impl Files {
     fn new() -> Files {
-        Files {
-            folder: tempfile::tempdir().expect("a folder"),
-        }
+        Files { folder: tempfile::tempdir().expect("a folder") }
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -61,24 +55,9 @@ fn exit_codes_are_0_within_1_outside_2_not_compared() {
     let (a, b) = (text(&a), text(&b));
     assert_eq!(code(&[a, a]), 0);
     assert_eq!(code(&[a, b]), 1);
-    assert_eq!(
-        code(&[
-            a,
-            b,
-            "--max",
-            "relMSE=1e-3",
-            "--max",
-            "lum_ratio=0.05",
-            "--min",
-            "SSIM=0.9"
-        ]),
-        0
-    );
+    assert_eq!(code(&[a, b, "--max", "relMSE=1e-3", "--max", "lum_ratio=0.05", "--min", "SSIM=0.9"]), 0);
     assert_eq!(code(&[a, b, "--max", "lum_ratio=0.01"]), 1);
-    assert_eq!(
-        code(&[a, b, "--max", "p99.5_rel=0.03", "--max", "direct:MSE=1"]),
-        0
-    );
+    assert_eq!(code(&[a, b, "--max", "p99.5_rel=0.03", "--max", "direct:MSE=1"]), 0);
     assert_eq!(code(&[a, b, "--max", "p99.5_rel=0.01"]), 1);
     for wrong in [
         &[a, "missing.exr"][..],
@@ -94,15 +73,10 @@ fn exit_codes_are_0_within_1_outside_2_not_compared() {
         assert_eq!(code(wrong), 2, "{wrong:?}");
     }
     let small = files.path("small.exr");
-    Image::from_rgb(2, 2, &[[0.5; 3]; 4])
-        .write_exr(&small)
-        .expect("written");
+    Image::from_rgb(2, 2, &[[0.5; 3]; 4]).write_exr(&small).expect("written");
     let output = diff(&[text(&small), b]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(
-        String::from_utf8_lossy(&output.stderr).contains("[2, 2]"),
-        "{output:?}"
-    );
+    assert!(String::from_utf8_lossy(&output.stderr).contains("[2, 2]"), "{output:?}");
 }
 
 #[test]
@@ -133,10 +107,7 @@ fn approval_writes_a_certificate_and_does_not_loosen_silently() {
     let files = Files::new();
     let (a, b) = (files.image("a.exr", 0.5), files.image("ref/b.exr", 0.51));
     let (a, b) = (text(&a), text(&b));
-    assert_eq!(
-        code(&[a, b, "--approve", "--max", "relMSE=1e-4", "--note", "first"]),
-        0
-    );
+    assert_eq!(code(&[a, b, "--approve", "--max", "relMSE=1e-4", "--note", "first"]), 0);
     assert_eq!(std::fs::read(a).expect("a"), std::fs::read(b).expect("b"));
     let certificate = || -> serde_json::Value {
         serde_json::from_slice(&std::fs::read(files.path("ref/b.json")).expect("a certificate"))
@@ -149,26 +120,9 @@ fn approval_writes_a_certificate_and_does_not_loosen_silently() {
     let brighter = files.image("c.exr", 0.8);
     let before = std::fs::read(b).expect("b");
     assert_eq!(code(&[text(&brighter), b]), 1);
-    assert_eq!(
-        code(&[text(&brighter), b, "--approve", "--max", "relMSE=1"]),
-        2
-    );
-    assert_eq!(
-        std::fs::read(b).expect("b"),
-        before,
-        "a refused approval changed the reference"
-    );
-    assert_eq!(
-        code(&[
-            text(&brighter),
-            b,
-            "--approve",
-            "--max",
-            "relMSE=1",
-            "--loosen"
-        ]),
-        0
-    );
+    assert_eq!(code(&[text(&brighter), b, "--approve", "--max", "relMSE=1"]), 2);
+    assert_eq!(std::fs::read(b).expect("b"), before, "a refused approval changed the reference");
+    assert_eq!(code(&[text(&brighter), b, "--approve", "--max", "relMSE=1", "--loosen"]), 0);
     assert_eq!(certificate()["limits"]["max"]["relMSE"], 1.0);
     assert_eq!(code(&[text(&brighter), b]), 0);
 }
@@ -176,29 +130,17 @@ fn approval_writes_a_certificate_and_does_not_loosen_silently() {
 #[test]
 fn directories_are_paired_by_name_and_indexed_worst_first() {
     let files = Files::new();
-    for (name, light) in [
-        ("out/good.exr", 0.5),
-        ("out/sub/bad.exr", 0.9),
-        ("out/extra.exr", 0.5),
-    ] {
+    for (name, light) in [("out/good.exr", 0.5), ("out/sub/bad.exr", 0.9), ("out/extra.exr", 0.5)] {
         files.image(name, light);
     }
-    for (name, light) in [
-        ("ref/good.exr", 0.5),
-        ("ref/sub/bad.exr", 0.5),
-        ("ref/missing.exr", 0.5),
-    ] {
+    for (name, light) in [("ref/good.exr", 0.5), ("ref/sub/bad.exr", 0.5), ("ref/missing.exr", 0.5)] {
         files.image(name, light);
     }
     let (out, reference, report) = (files.path("out"), files.path("ref"), files.path("report"));
     let output = diff(&[text(&out), text(&reference), "--html", text(&report)]);
     assert_eq!(output.status.code(), Some(1));
     let index = std::fs::read_to_string(report.join("index.html")).expect("an index");
-    let position = |name: &str| {
-        index
-            .find(&format!("{name}</"))
-            .unwrap_or_else(|| panic!("no {name}"))
-    };
+    let position = |name: &str| index.find(&format!("{name}</")).unwrap_or_else(|| panic!("no {name}"));
     assert!(position("missing.exr") < position("extra.exr"));
     assert!(position("extra.exr") < position("sub/bad.exr"));
     assert!(position("sub/bad.exr") < position("good.exr"));
@@ -214,33 +156,21 @@ fn pictures_are_written() {
     let (a, b) = (files.image("a.exr", 0.5), files.image("b.exr", 0.25));
     let folder = files.path("pictures");
     assert_eq!(code(&[text(&a), text(&b), "--pictures", text(&folder)]), 1);
-    for name in [
-        "flip",
-        "relative",
-        "signed",
-        "side-by-side",
-        "worst",
-        "histogram",
-        "direct-flip",
-    ] {
+    for name in ["flip", "relative", "signed", "side-by-side", "worst", "histogram", "direct-flip"] {
         assert!(folder.join(format!("{name}.png")).is_file(), "{name}");
     }
 }
 
 #[test]
 fn hostile_files_end_with_code_2_and_a_message() {
-    let folder =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../catoptric-image/tests/data/invalid");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../catoptric-image/tests/data/invalid");
     let mut seen = 0;
     for entry in std::fs::read_dir(folder).expect("in the repository") {
         let path = entry.expect("readable").path();
         let output = diff(&[text(&path), text(&path)]);
         assert_eq!(output.status.code(), Some(2), "{path:?}: {output:?}");
         let message = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(
-            message.starts_with("catoptric diff: ") && !message.contains("panicked"),
-            "{message}"
-        );
+        assert!(message.starts_with("catoptric diff: ") && !message.contains("panicked"), "{message}");
         seen += 1;
     }
     assert!(seen > 50);

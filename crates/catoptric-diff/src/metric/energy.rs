@@ -11,26 +11,10 @@ pub(super) struct Energy;
 impl Measure for Energy {
     fn measure(&self, pair: &Pair, _: &Settings) -> Vec<Reading> {
         let means = pair.mean(|i| {
-            let (t, r) = (
-                pair.test[i].map(f64::from),
-                pair.reference[i].map(f64::from),
-            );
-            [
-                t[0],
-                t[1],
-                t[2],
-                r[0],
-                r[1],
-                r[2],
-                luminance(pair.test[i]),
-                luminance(pair.reference[i]),
-            ]
+            let (t, r) = (pair.test[i].map(f64::from), pair.reference[i].map(f64::from));
+            [t[0], t[1], t[2], r[0], r[1], r[2], luminance(pair.test[i]), luminance(pair.reference[i])]
         });
-        let plane: Vec<f32> = pair
-            .reference
-            .iter()
-            .map(|&p| luminance(p) as f32)
-            .collect();
+        let plane: Vec<f32> = pair.reference.iter().map(|&p| luminance(p) as f32).collect();
         let bright = percentile(&mut pair.pool(&plane), 99.0);
         let trimmed = sum(pair.test.len(), |i| {
             let r = luminance(pair.reference[i]);
@@ -41,11 +25,7 @@ impl Measure for Energy {
             }
         });
         let ratio = ratio(means[6], means[7]);
-        let trimmed_ratio = if trimmed[1] != 0.0 {
-            trimmed[0] / trimmed[1]
-        } else {
-            ratio
-        };
+        let trimmed_ratio = if trimmed[1] != 0.0 { trimmed[0] / trimmed[1] } else { ratio };
         [
             ("energy_R", self::ratio(means[0], means[3])),
             ("energy_G", self::ratio(means[1], means[4])),
@@ -60,9 +40,5 @@ impl Measure for Energy {
 
 /// Nothing against nothing is equal.
 fn ratio(test: f64, reference: f64) -> f64 {
-    if test == reference {
-        1.0
-    } else {
-        test / reference
-    }
+    if test == reference { 1.0 } else { test / reference }
 }

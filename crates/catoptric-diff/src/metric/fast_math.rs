@@ -40,9 +40,8 @@ fn exp2(x: f32) -> f32 {
     let x = x.clamp(-126.0, 127.0);
     let whole = (x + ROUNDER) - ROUNDER;
     let t = (x - whole) * std::f32::consts::LN_2;
-    let series = 1.0
-        + t * (1.0
-            + t * (0.5 + t * (1.0 / 6.0 + t * (1.0 / 24.0 + t * (1.0 / 120.0 + t / 720.0)))));
+    let series =
+        1.0 + t * (1.0 + t * (0.5 + t * (1.0 / 6.0 + t * (1.0 / 24.0 + t * (1.0 / 120.0 + t / 720.0)))));
     f32::from_bits(((whole as i32 + 127) << 23) as u32) * series
 }
 
@@ -67,10 +66,7 @@ mod tests {
             let x = i as f32 * 5e-3;
             for (x, p) in [(x, 0.7), (x * 1e-3, 0.1), (x * 1e-9, 0.99), (x, 1.0)] {
                 let exact = libm::pow(f64::from(x), f64::from(p));
-                assert!(
-                    (f64::from(pow(x, p)) / exact - 1.0).abs() < 3e-6,
-                    "{x} to {p}"
-                );
+                assert!((f64::from(pow(x, p)) / exact - 1.0).abs() < 3e-6, "{x} to {p}");
             }
         }
         assert_eq!((pow(0.0, 0.7), pow(1.0, 0.3)), (0.0, 1.0));

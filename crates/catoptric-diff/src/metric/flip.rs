@@ -51,11 +51,7 @@ impl Exposures {
     /// does", about one exposure per stop (EG 2021, section 4).
     pub fn of_reference(reference: &[[f32; 3]]) -> Exposures {
         // Luminance that the tone mapper sends to 0.85: the larger root of a quadratic.
-        let [a, b, c] = [
-            ACES[0] - 0.85 * ACES[3],
-            ACES[1] - 0.85 * ACES[4],
-            ACES[2] - 0.85 * ACES[5],
-        ];
+        let [a, b, c] = [ACES[0] - 0.85 * ACES[3], ACES[1] - 0.85 * ACES[4], ACES[2] - 0.85 * ACES[5]];
         let half = -0.5 * (b / a);
         let white = half + (half * half - c / a).sqrt();
         let mut luminance: Vec<f32> = reference
@@ -64,26 +60,14 @@ impl Exposures {
             .collect();
         let n = luminance.len();
         if n == 0 {
-            return Exposures::Range {
-                start: 0.0,
-                stop: 0.0,
-                count: 2,
-            };
+            return Exposures::Range { start: 0.0, stop: 0.0, count: 2 };
         }
-        let brightest = luminance
-            .par_iter()
-            .copied()
-            .reduce(|| 0.0, f32::max)
-            .max(f32::MIN_POSITIVE);
+        let brightest = luminance.par_iter().copied().reduce(|| 0.0, f32::max).max(f32::MIN_POSITIVE);
         // Of an even number of pixels the implementation takes the upper median.
         let (_, &mut median, _) = luminance.select_nth_unstable_by(n / 2, f32::total_cmp);
         let median = median.max(f32::MIN_POSITIVE);
         let (start, stop) = (libm::log2f(white / brightest), libm::log2f(white / median));
-        Exposures::Range {
-            start,
-            stop,
-            count: ((stop - start).ceil() as usize).max(2),
-        }
+        Exposures::Range { start, stop, count: ((stop - start).ceil() as usize).max(2) }
     }
 
     /// The factors light is multiplied with.
@@ -91,25 +75,14 @@ impl Exposures {
         match self {
             Exposures::None => vec![None],
             Exposures::Range { start, stop, count } => (0..count)
-                .map(|i| {
-                    Some(libm::exp2f(
-                        start + i as f32 * ((stop - start) / (count.max(2) - 1) as f32),
-                    ))
-                })
+                .map(|i| Some(libm::exp2f(start + i as f32 * ((stop - start) / (count.max(2) - 1) as f32))))
                 .collect(),
         }
     }
 }
 
 /// The ACES tone mapper of the reference implementation: (a x² + b x + c) / (d x² + e x + f).
-const ACES: [f32; 6] = [
-    0.6 * 0.6 * 2.51,
-    0.6 * 0.03,
-    0.0,
-    0.6 * 0.6 * 2.43,
-    0.6 * 0.59,
-    0.14,
-];
+const ACES: [f32; 6] = [0.6 * 0.6 * 2.51, 0.6 * 0.03, 0.0, 0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
 
 /// The FLIP error of every pixel, in [0,1]. `reference` and `test` are linear Rec. 709, finite.
 pub fn error_map(
@@ -198,16 +171,10 @@ impl Taps {
     fn new(weights: &[f64], radius: usize) -> Taps {
         let own = weights.len() / 2;
         let largest = weights.iter().fold(0.0f64, |m, w| m.max(w.abs()));
-        let keep = (0..=own)
-            .rev()
-            .find(|k| weights[own + k].abs() > 1e-7 * largest)
-            .unwrap_or(0);
+        let keep = (0..=own).rev().find(|k| weights[own + k].abs() > 1e-7 * largest).unwrap_or(0);
         Taps {
             first: radius - keep,
-            weights: weights[own - keep..=own + keep]
-                .iter()
-                .map(|&w| w as f32)
-                .collect(),
+            weights: weights[own - keep..=own + keep].iter().map(|&w| w as f32).collect(),
         }
     }
 }
@@ -220,10 +187,7 @@ impl Filters {
         let spatial = (3.0 * (0.04 / (2.0 * PI * PI)).sqrt() * ppd).ceil() as i32;
         let gaussian = |amplitude: f64, b: f64| -> Vec<f64> {
             (-spatial..=spatial)
-                .map(|x| {
-                    amplitude
-                        * libm::exp(-PI * PI * (f64::from(x) / ppd) * (f64::from(x) / ppd) / b)
-                })
+                .map(|x| amplitude * libm::exp(-PI * PI * (f64::from(x) / ppd) * (f64::from(x) / ppd) / b))
                 .collect()
         };
         let normalised = |weights: Vec<f64>| {
@@ -231,10 +195,7 @@ impl Filters {
             weights.into_iter().map(|w| w / sum).collect::<Vec<_>>()
         };
         let amplitude = |a: f64, b: f64| (a * (PI / b).sqrt()).sqrt();
-        let [z1, z2] = [
-            gaussian(amplitude(34.1, 0.04), 0.04),
-            gaussian(amplitude(13.5, 0.025), 0.025),
-        ];
+        let [z1, z2] = [gaussian(amplitude(34.1, 0.04), 0.04), gaussian(amplitude(13.5, 0.025), 0.025)];
         let [s1, s2]: [f64; 2] = [z1.iter().sum(), z2.iter().sum()];
         let norm = (s1 * s1 + s2 * s2).sqrt();
 
@@ -245,26 +206,19 @@ impl Filters {
         let balanced = |weights: Vec<f64>| {
             let positive: f64 = weights.iter().filter(|w| **w > 0.0).sum();
             let negative: f64 = -weights.iter().filter(|w| **w < 0.0).sum::<f64>();
-            weights
-                .into_iter()
-                .map(|w| if w > 0.0 { w / positive } else { w / negative })
-                .collect::<Vec<_>>()
+            weights.into_iter().map(|w| if w > 0.0 { w / positive } else { w / negative }).collect::<Vec<_>>()
         };
         let radius = spatial.max(reach) as usize;
         let scaled = |weights: &[f64]| weights.iter().map(|w| w / norm).collect::<Vec<_>>();
         let edge = (-reach..=reach).map(|x| -f64::from(x) * bell(x)).collect();
-        let point = (-reach..=reach)
-            .map(|x| (f64::from(x * x) / (deviation * deviation) - 1.0) * bell(x))
-            .collect();
+        let point =
+            (-reach..=reach).map(|x| (f64::from(x * x) / (deviation * deviation) - 1.0) * bell(x)).collect();
         let hunt = |rgb: [f32; 3]| hunt_lab(rgb);
         Filters {
             radius,
             luminance: Taps::new(&normalised(gaussian(1.0, 0.0047)), radius),
             red_green: Taps::new(&normalised(gaussian(1.0, 0.0053)), radius),
-            blue_yellow: [
-                Taps::new(&scaled(&z1), radius),
-                Taps::new(&scaled(&z2), radius),
-            ],
+            blue_yellow: [Taps::new(&scaled(&z1), radius), Taps::new(&scaled(&z2), radius)],
             gauss: Taps::new(&normalised((-reach..=reach).map(bell).collect()), radius),
             edge: Taps::new(&balanced(edge), radius),
             point: Taps::new(&balanced(point), radius),
@@ -292,9 +246,7 @@ struct Filtered {
 
 impl Workspace {
     fn new(radius: usize) -> Workspace {
-        Workspace {
-            images: [Filtered::new(radius), Filtered::new(radius)],
-        }
+        Workspace { images: [Filtered::new(radius), Filtered::new(radius)] }
     }
 
     /// Final error of a tile: the colour difference to the power 1 − feature difference; keeps the largest.
@@ -305,14 +257,8 @@ impl Workspace {
         for y in 0..tile.height {
             let [l0, a0, b0] = [0, 1, 2].map(|k: usize| line_of(&reference.lab[k], y, tile));
             let [l1, a1, b1] = [0, 1, 2].map(|k: usize| line_of(&test.lab[k], y, tile));
-            let (e0, e1) = (
-                line_of(&reference.edge, y, tile),
-                line_of(&test.edge, y, tile),
-            );
-            let (p0, p1) = (
-                line_of(&reference.point, y, tile),
-                line_of(&test.point, y, tile),
-            );
+            let (e0, e1) = (line_of(&reference.edge, y, tile), line_of(&test.edge, y, tile));
+            let (p0, p1) = (line_of(&reference.point, y, tile), line_of(&test.point, y, tile));
             let out = &mut worst[y * tile.width..(y + 1) * tile.width];
             for x in 0..tile.width {
                 let colour = pow(hyab([l0[x], a0[x], b0[x]], [l1[x], a1[x], b1[x]]), Q_COLOUR);
@@ -370,19 +316,15 @@ impl Filtered {
             let source = &pixels[y * width..(y + 1) * width];
             let [first, second, third] = &mut self.planes;
             let range = line * self.stride..(line + 1) * self.stride;
-            let (first, second, third) = (
-                &mut first[range.clone()],
-                &mut second[range.clone()],
-                &mut third[range],
-            );
+            let (first, second, third) =
+                (&mut first[range.clone()], &mut second[range.clone()], &mut third[range]);
             for x in 0..tile.width + 2 * radius {
                 let rgb = source[(tile.left + x).saturating_sub(radius).min(width - 1)];
                 [first[x], second[x], third[x]] = rgb;
             }
             let groups = (tile.width + 2 * radius).div_ceil(LANES) * LANES;
-            let planes = first[..groups]
-                .chunks_exact_mut(LANES)
-                .zip(second[..groups].chunks_exact_mut(LANES));
+            let planes =
+                first[..groups].chunks_exact_mut(LANES).zip(second[..groups].chunks_exact_mut(LANES));
             for ((first, second), third) in planes.zip(third[..groups].chunks_exact_mut(LANES)) {
                 for lane in 0..LANES {
                     let rgb = [first[lane], second[lane], third[lane]].map(|v| display(v, gain));
@@ -418,10 +360,7 @@ impl Filtered {
             for group in 0..groups {
                 let at = y * TILE_WIDTH + group * LANES;
                 let column = |plane: usize, taps: &Taps| {
-                    along_column(
-                        &self.rows[plane][at + taps.first * TILE_WIDTH..],
-                        &taps.weights,
-                    )
+                    along_column(&self.rows[plane][at + taps.first * TILE_WIDTH..], &taps.weights)
                 };
                 let y_ = column(0, &filters.luminance);
                 let cx = column(1, &filters.red_green);
@@ -446,10 +385,7 @@ impl Filtered {
                     out[4][lane] = point;
                 }
                 let [l, a, b] = &mut self.lab;
-                for (plane, values) in [l, a, b, &mut self.edge, &mut self.point]
-                    .into_iter()
-                    .zip(&out)
-                {
+                for (plane, values) in [l, a, b, &mut self.edge, &mut self.point].into_iter().zip(&out) {
                     plane[at..at + LANES].copy_from_slice(values);
                 }
             }
@@ -541,19 +477,11 @@ fn hunt_lab(rgb: [f32; 3]) -> [f32; 3] {
     const DELTA: f32 = 6.0 / 29.0;
     let f = |v: f32| {
         let root = cbrt(v.max(1e-6));
-        if v > DELTA * DELTA * DELTA {
-            root
-        } else {
-            v / (3.0 * DELTA * DELTA) + 4.0 / 29.0
-        }
+        if v > DELTA * DELTA * DELTA { root } else { v / (3.0 * DELTA * DELTA) + 4.0 / 29.0 }
     };
     let [x, y, z] = relative_xyz(rgb).map(f);
     let l = 116.0 * y - 16.0;
-    [
-        l,
-        0.01 * l * (500.0 * (x - y)),
-        0.01 * l * (200.0 * (y - z)),
-    ]
+    [l, 0.01 * l * (500.0 * (x - y)), 0.01 * l * (200.0 * (y - z))]
 }
 
 /// City-block distance in lightness plus Euclidean distance in chroma (Abasi, Amani Tehran & Fairchild 2020).

@@ -14,19 +14,10 @@ impl Measure for Flip {
             flip
         } else {
             let table = &*catoptric_image::srgb::LINEAR_OF_BYTE;
-            let [test, reference] = pair.display().map(|p| {
-                p.into_iter()
-                    .map(|p| p.map(|b| table[usize::from(b)]))
-                    .collect::<Vec<_>>()
-            });
-            mean(&error_map(
-                pair.width,
-                pair.height,
-                &reference,
-                &test,
-                Exposures::None,
-                DEFAULT_PPD,
-            ))
+            let [test, reference] = pair
+                .display()
+                .map(|p| p.into_iter().map(|p| p.map(|b| table[usize::from(b)])).collect::<Vec<_>>());
+            mean(&error_map(pair.width, pair.height, &reference, &test, Exposures::None, DEFAULT_PPD))
         };
         vec![
             Reading::new("FLIP", flip, Sense::LowerIsBetter),

@@ -50,7 +50,5 @@ fn sticks_out(pair: &Pair, plane: &[Rgb], i: usize, floor: f64) -> bool {
     }
     let neighbours = &mut neighbours[..n];
     neighbours.sort_by(f64::total_cmp);
-    neighbours
-        .get(n / 2)
-        .is_some_and(|median| own > 10.0 * median + floor)
+    neighbours.get(n / 2).is_some_and(|median| own > 10.0 * median + floor)
 }

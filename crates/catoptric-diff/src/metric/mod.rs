@@ -48,12 +48,7 @@ pub struct Reading {
 
 impl Reading {
     fn new(name: &str, value: f64, sense: Sense) -> Reading {
-        Reading {
-            name: name.to_owned(),
-            value,
-            sense,
-            at: None,
-        }
+        Reading { name: name.to_owned(), value, sense, at: None }
     }
 
     /// How far the value is from a perfect score, for readings of the two senses that have a distance.
@@ -74,9 +69,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings {
-            percentiles: vec![50.0, 95.0, 99.0],
-        }
+        Settings { percentiles: vec![50.0, 95.0, 99.0] }
     }
 }
 

@@ -29,20 +29,9 @@ impl Measure for Noise {
         let mut readings = per_pixel(pair, noise);
         readings.extend(per_block(pair, noise));
         if let Some(verdict) = verdict(pair) {
-            readings.push(Reading::new(
-                "chi2_dof",
-                verdict.chi2_per_degree,
-                Sense::LowerIsBetter,
-            ));
-            let excess = Reading::new(
-                "noise_excess",
-                verdict.excess_pixels as f64,
-                Sense::LowerIsBetter,
-            );
-            readings.push(Reading {
-                at: Some(verdict.worst_pixel),
-                ..excess
-            });
+            readings.push(Reading::new("chi2_dof", verdict.chi2_per_degree, Sense::LowerIsBetter));
+            let excess = Reading::new("noise_excess", verdict.excess_pixels as f64, Sense::LowerIsBetter);
+            readings.push(Reading { at: Some(verdict.worst_pixel), ..excess });
         }
         readings
     }
@@ -52,11 +41,8 @@ fn per_pixel(pair: &Pair, noise: &[Rgb]) -> Vec<Reading> {
     let [relative, floor] = pair.mean(|i| {
         let mut sums = [0.0; 2];
         for k in 0..3 {
-            let (x, r, se) = (
-                f64::from(pair.test[i][k]),
-                f64::from(pair.reference[i][k]),
-                f64::from(noise[i][k]),
-            );
+            let (x, r, se) =
+                (f64::from(pair.test[i][k]), f64::from(pair.reference[i][k]), f64::from(noise[i][k]));
             let scale = 3.0 * (r * r + EPSILON);
             sums[0] += (x - r) * (x - r) / scale;
             sums[1] += se * se / scale;
@@ -84,14 +70,11 @@ fn per_block(pair: &Pair, noise: &[Rgb]) -> Vec<Reading> {
         out[0] = 1.0;
         let n = (BLOCK * BLOCK) as f64;
         for k in 0..3 {
-            let average =
-                |plane: &[Rgb]| pixels.clone().map(|i| f64::from(plane[i][k])).sum::<f64>() / n;
+            let average = |plane: &[Rgb]| pixels.clone().map(|i| f64::from(plane[i][k])).sum::<f64>() / n;
             let (x, r) = (average(&pair.test), average(&pair.reference));
-            let variance = pixels
-                .clone()
-                .map(|i| f64::from(noise[i][k]) * f64::from(noise[i][k]))
-                .sum::<f64>()
-                / (n * n);
+            let variance =
+                pixels.clone().map(|i| f64::from(noise[i][k]) * f64::from(noise[i][k])).sum::<f64>()
+                    / (n * n);
             let scale = 3.0 * (r * r + EPSILON * mean * mean);
             if scale > 0.0 {
                 out[1] += ((x - r) * (x - r) - variance) / scale;
@@ -117,11 +100,7 @@ fn per_block(pair: &Pair, noise: &[Rgb]) -> Vec<Reading> {
         Reading::new("relMSE_b8_floor", floor / count, Sense::Information),
     ];
     if tested > 0.0 {
-        readings.push(Reading::new(
-            "z_rms",
-            (z2 / tested).sqrt(),
-            Sense::LowerIsBetter,
-        ));
+        readings.push(Reading::new("z_rms", (z2 / tested).sqrt(), Sense::LowerIsBetter));
         readings.push(Reading::new("z_max", largest.sqrt(), Sense::LowerIsBetter));
     }
     readings
@@ -160,29 +139,17 @@ pub(super) fn verdict(pair: &Pair) -> Option<NoiseVerdict> {
     // Largest |z|: Šidák's bound over 3n samples at half the level.
     let single = -libm::expm1(libm::log1p(-LEVEL / 2.0) / (3 * n) as f64);
     let bound = two_sided_bound(single);
-    let map: Vec<f32> = (0..pair.test.len())
-        .map(|i| (0..3).map(|k| z(i, k).abs()).fold(0.0, f64::max) as f32)
-        .collect();
-    let excess_pixels = map
-        .iter()
-        .enumerate()
-        .filter(|(i, z)| pair.counts(*i) && f64::from(**z) > bound)
-        .count();
+    let map: Vec<f32> =
+        (0..pair.test.len()).map(|i| (0..3).map(|k| z(i, k).abs()).fold(0.0, f64::max) as f32).collect();
+    let excess_pixels =
+        map.iter().enumerate().filter(|(i, z)| pair.counts(*i) && f64::from(**z) > bound).count();
     let (worst_z, worst_pixel) = pair.largest(&map);
     // Σ z² per channel: Bonferroni over three channels at the other half.
     let chi2 = pair.mean(|i| [z(i, 0).powi(2), z(i, 1).powi(2), z(i, 2).powi(2)]);
     let chi2_per_degree = chi2.into_iter().fold(0.0, f64::max);
     let probability = (3.0 * chi2_upper_tail(chi2_per_degree, n as f64)).min(1.0);
     let explained = excess_pixels == 0 && probability >= LEVEL / 2.0;
-    Some(NoiseVerdict {
-        explained,
-        excess_pixels,
-        bound,
-        worst_z,
-        worst_pixel,
-        chi2_per_degree,
-        probability,
-    })
+    Some(NoiseVerdict { explained, excess_pixels, bound, worst_z, worst_pixel, chi2_per_degree, probability })
 }
 
 /// Mean over pixels and channels.

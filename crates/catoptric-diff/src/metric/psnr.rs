@@ -11,8 +11,7 @@ impl Measure for Psnr {
         let values = pair.values();
         let [mse] = pair.mean(|i| {
             let d2 = |k: usize| {
-                let d = (f64::from(values.test[i][k]) - f64::from(values.reference[i][k]))
-                    * values.unit;
+                let d = (f64::from(values.test[i][k]) - f64::from(values.reference[i][k])) * values.unit;
                 d * d
             };
             [(d2(0) + d2(1) + d2(2)) / 3.0]

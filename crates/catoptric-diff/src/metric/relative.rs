@@ -33,13 +33,9 @@ impl Measure for Relative {
             sums[2] = ratio(error, norm + 1e-4 * square);
             sums
         });
-        [
-            ("relMSE", relative),
-            ("relMSE_n", normalised),
-            ("MRSE", pixelwise),
-        ]
-        .map(|(name, value)| Reading::new(name, value, Sense::LowerIsBetter))
-        .into()
+        [("relMSE", relative), ("relMSE_n", normalised), ("MRSE", pixelwise)]
+            .map(|(name, value)| Reading::new(name, value, Sense::LowerIsBetter))
+            .into()
     }
 }
 

@@ -12,17 +12,10 @@ impl Measure for Squared {
             let d: [f64; 3] = std::array::from_fn(|k| {
                 (f64::from(values.test[i][k]) - f64::from(values.reference[i][k])) * values.unit
             });
-            [
-                d.iter().map(|d| d * d).sum::<f64>() / 3.0,
-                d.iter().map(|d| d.abs()).sum::<f64>() / 3.0,
-            ]
+            [d.iter().map(|d| d * d).sum::<f64>() / 3.0, d.iter().map(|d| d.abs()).sum::<f64>() / 3.0]
         });
-        [
-            ("MSE", squared),
-            ("RMSE", squared.sqrt()),
-            ("MAE", absolute),
-        ]
-        .map(|(name, value)| Reading::new(name, value, Sense::LowerIsBetter))
-        .into()
+        [("MSE", squared), ("RMSE", squared.sqrt()), ("MAE", absolute)]
+            .map(|(name, value)| Reading::new(name, value, Sense::LowerIsBetter))
+            .into()
     }
 }

@@ -32,9 +32,7 @@ impl Measure for Ssim {
                 arch.dispatch(|| strip_sum(pair, rows.clone()))
             })
             .collect();
-        let [sum, count] = parts
-            .into_iter()
-            .fold([0.0; 2], |[s, n], [ps, pn]| [s + ps, n + pn]);
+        let [sum, count] = parts.into_iter().fold([0.0; 2], |[s, n], [ps, pn]| [s + ps, n + pn]);
         if count == 0.0 {
             return Vec::new();
         }

@@ -68,10 +68,9 @@ pub fn index_page(test: &str, reference: &str, entries: &[Entry]) -> String {
             None => escape(&entry.name),
         };
         let numbers: String = match entry.numbers {
-            Some(numbers) => numbers
-                .iter()
-                .map(|&n| format!("<td class=\"number\">{}</td>", number(n)))
-                .collect(),
+            Some(numbers) => {
+                numbers.iter().map(|&n| format!("<td class=\"number\">{}</td>", number(n))).collect()
+            }
             None => "<td></td><td></td><td></td>".to_owned(),
         };
         let _ = write!(
@@ -80,10 +79,7 @@ pub fn index_page(test: &str, reference: &str, entries: &[Entry]) -> String {
             escape(&word)
         );
     }
-    let failures = entries
-        .iter()
-        .filter(|e| e.state != EntryState::Within)
-        .count();
+    let failures = entries.iter().filter(|e| e.state != EntryState::Within).count();
     format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
          <title>{test} against {reference}</title><style>{STYLE}</style></head><body><header><h1>{test} <small>against</small> {reference}</h1>\

@@ -47,12 +47,7 @@ pub struct Heading<'a> {
 /// The page for a comparison.
 pub fn html(comparison: &Comparison, heading: &Heading<'_>) -> String {
     let within = heading.checks.iter().all(|check| check.holds);
-    let layers: Vec<serde_json::Value> = comparison
-        .layers
-        .iter()
-        .take(LAYERS)
-        .map(layer_data)
-        .collect();
+    let layers: Vec<serde_json::Value> = comparison.layers.iter().take(LAYERS).map(layer_data).collect();
     let data = json!({ "magma": MAGMA, "layers": layers });
     let title = format!("{} against {}", heading.test, heading.reference);
     // Script text ends at "</": the only place where JSON and HTML disagree.
@@ -64,25 +59,11 @@ pub fn html(comparison: &Comparison, heading: &Heading<'_>) -> String {
             ("STYLE", STYLE),
             ("TEST", &escape(heading.test)),
             ("REFERENCE", &escape(heading.reference)),
-            (
-                "VERDICT",
-                if within {
-                    "within limits"
-                } else {
-                    "outside limits"
-                },
-            ),
+            ("VERDICT", if within { "within limits" } else { "outside limits" }),
             ("VERDICT_CLASS", if within { "good" } else { "bad" }),
             ("NOTES", &notes(comparison, heading)),
             ("CHECKS", &checks_table(heading.checks)),
-            (
-                "TABLES",
-                &comparison
-                    .layers
-                    .iter()
-                    .map(layer_section)
-                    .collect::<String>(),
-            ),
+            ("TABLES", &comparison.layers.iter().map(layer_section).collect::<String>()),
             ("APP", APP),
             ("DATA", &data),
         ],
@@ -96,22 +77,14 @@ fn fill(template: &str, values: &[(&str, &str)]) -> String {
     while let Some((before, after)) = rest.split_once("{{") {
         out.push_str(before);
         let (name, after) = after.split_once("}}").unwrap_or((after, ""));
-        out.push_str(
-            values
-                .iter()
-                .find(|(key, _)| *key == name)
-                .map_or("", |(_, value)| value),
-        );
+        out.push_str(values.iter().find(|(key, _)| *key == name).map_or("", |(_, value)| value));
         rest = after;
     }
     out + rest
 }
 
 fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// A number with four significant digits.
@@ -120,10 +93,7 @@ fn number(value: f64) -> String {
         v if v.is_infinite() => "∞".to_owned(),
         v if v != 0.0 && (v.abs() < 1e-3 || v.abs() >= 1e5) => format!("{v:.3e}"),
         v if v.fract() == 0.0 => format!("{v}"),
-        v => format!(
-            "{v:.*}",
-            (3 - v.abs().log10().floor() as i32).clamp(0, 6) as usize
-        ),
+        v => format!("{v:.*}", (3 - v.abs().log10().floor() as i32).clamp(0, 6) as usize),
     }
 }
 
@@ -134,11 +104,7 @@ fn notes(comparison: &Comparison, heading: &Heading<'_>) -> String {
     }
     for layer in &comparison.layers {
         if let Some(noise) = &layer.noise {
-            let verdict = if noise.explained {
-                "is explained by"
-            } else {
-                "is more than"
-            };
+            let verdict = if noise.explained { "is explained by" } else { "is more than" };
             let _ = write!(
                 out,
                 "<p class=\"note\">The difference of the {} <strong>{verdict} the reference's own noise</strong>: {} pixels beyond {} \
@@ -166,16 +132,8 @@ fn notes(comparison: &Comparison, heading: &Heading<'_>) -> String {
 fn checks_table(checks: &[Check]) -> String {
     let mut rows = String::new();
     for check in checks {
-        let layer = if check.layer.is_empty() {
-            "beauty"
-        } else {
-            &check.layer
-        };
-        let (class, word) = if check.holds {
-            ("good", "holds")
-        } else {
-            ("bad", "broken")
-        };
+        let layer = if check.layer.is_empty() { "beauty" } else { &check.layer };
+        let (class, word) = if check.holds { ("good", "holds") } else { ("bad", "broken") };
         let _ = write!(
             rows,
             "<tr class=\"{class}\"><th scope=\"row\">{}</th><td>{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td><td>{word}</td></tr>",
@@ -234,14 +192,7 @@ fn histogram_figure(pair: &Pair) -> String {
         );
     }
     let mut labels = String::new();
-    for (i, text) in [
-        (1, "1e-4"),
-        (4, "1e-3"),
-        (7, "1e-2"),
-        (10, "0.1"),
-        (13, "1"),
-        (16, "10"),
-    ] {
+    for (i, text) in [(1, "1e-4"), (4, "1e-3"), (7, "1e-2"), (10, "0.1"), (13, "1"), (16, "10")] {
         let _ = write!(labels, "<text x=\"{}\" y=\"116\">{text}</text>", i * 20);
     }
     format!(
@@ -253,25 +204,14 @@ fn histogram_figure(pair: &Pair) -> String {
 /// The pixels and maps of a layer.
 fn layer_data(layer: &LayerComparison) -> serde_json::Value {
     let pair = &layer.pair;
-    let factor = (1..)
-        .find(|f| (pair.width / f) * (pair.height / f) <= PIXELS)
-        .unwrap_or(1);
+    let factor = (1..).find(|f| (pair.width / f) * (pair.height / f) <= PIXELS).unwrap_or(1);
     let (width, height) = ((pair.width / factor).max(1), (pair.height / factor).max(1));
-    let small = Shrink {
-        pair,
-        factor,
-        width,
-        height,
-    };
+    let small = Shrink { pair, factor, width, height };
     let floats = width * height <= FLOAT_PIXELS;
     let pixels = |plane: &[Rgb]| {
         let values = small.rgb(plane);
         let bytes: Vec<u8> = if floats {
-            values
-                .as_flattened()
-                .iter()
-                .flat_map(|v| v.to_le_bytes())
-                .collect()
+            values.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect()
         } else {
             values
                 .as_flattened()
@@ -283,16 +223,8 @@ fn layer_data(layer: &LayerComparison) -> serde_json::Value {
     };
     let byte = |v: f32| (v * 255.0).round().clamp(0.0, 255.0) as u8;
     let flip: Vec<u8> = small.map(pair.flip_map()).into_iter().map(byte).collect();
-    let signed: Vec<u8> = small
-        .map(&pair.signed_map())
-        .into_iter()
-        .map(|v| byte(0.5 + 0.5 * v))
-        .collect();
-    let exposure = if pair.coded {
-        0.0
-    } else {
-        catoptric_image::tone::auto_exposure(&pair.reference)
-    };
+    let signed: Vec<u8> = small.map(&pair.signed_map()).into_iter().map(|v| byte(0.5 + 0.5 * v)).collect();
+    let exposure = if pair.coded { 0.0 } else { catoptric_image::tone::auto_exposure(&pair.reference) };
     json!({
         "name": layer.title(),
         "width": width,
@@ -333,9 +265,7 @@ impl Shrink<'_> {
                 let mut sum = [0.0; K];
                 for p in 0..f * f {
                     let (x, y) = ((i % self.width) * f + p % f, (i / self.width) * f + p / f);
-                    let v = value(
-                        y.min(self.pair.height - 1) * self.pair.width + x.min(self.pair.width - 1),
-                    );
+                    let v = value(y.min(self.pair.height - 1) * self.pair.width + x.min(self.pair.width - 1));
                     for k in 0..K {
                         sum[k] += v[k];
                     }

@@ -24,17 +24,9 @@ fn report() -> (tempfile::TempDir, String) {
     test[SPOT[1] * width + SPOT[0]] = [0.125, 0.0, 0.0];
     let reference = vec![[REFERENCE; 3]; width * height];
     let image = |pixels: &[[f32; 3]]| Image::from_rgb(width, height, pixels);
-    let comparison =
-        compare(&image(&test), &image(&reference), &Params::default()).expect("comparable");
-    let checks = Limits::default()
-        .check(&comparison)
-        .expect("default limits");
-    let heading = Heading {
-        test: "out.exr",
-        reference: "a & b.exr",
-        checks: &checks,
-        notes: &[],
-    };
+    let comparison = compare(&image(&test), &image(&reference), &Params::default()).expect("comparable");
+    let checks = Limits::default().check(&comparison).expect("default limits");
+    let heading = Heading { test: "out.exr", reference: "a & b.exr", checks: &checks, notes: &[] };
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("report.html");
     std::fs::write(&path, html(&comparison, &heading)).expect("written");
@@ -57,12 +49,8 @@ fn red_at(browser: &Browser, x: f64, y: f64) -> i64 {
 }
 
 fn data(browser: &Browser, name: &str) -> f64 {
-    let text = browser.script(&format!(
-        "return document.getElementById('view').dataset.{name}"
-    ));
-    text.as_str()
-        .and_then(|t| t.parse().ok())
-        .unwrap_or_else(|| panic!("{name} is {text}"))
+    let text = browser.script(&format!("return document.getElementById('view').dataset.{name}"));
+    text.as_str().and_then(|t| t.parse().ok()).unwrap_or_else(|| panic!("{name} is {text}"))
 }
 
 fn near(found: i64, expected: i64) -> bool {
@@ -74,10 +62,7 @@ fn the_report_works_in_a_browser_from_the_keyboard() {
     let (_folder, url) = report();
     let browser = Browser::start();
     browser.open(&url);
-    assert_eq!(
-        browser.script("return document.getElementById('verdict').textContent"),
-        "outside limits"
-    );
+    assert_eq!(browser.script("return document.getElementById('verdict').textContent"), "outside limits");
     assert_eq!(
         browser.script("return performance.getEntriesByType('resource').length"),
         0,
@@ -87,49 +72,31 @@ fn the_report_works_in_a_browser_from_the_keyboard() {
 
     // Swipe: the test image on the left of the line, the reference on the right.
     assert!(near(red_at(&browser, 0.45, 0.3), shown(TEST, EXPOSURE)));
-    assert!(near(
-        red_at(&browser, 0.55, 0.3),
-        shown(REFERENCE, EXPOSURE)
-    ));
+    assert!(near(red_at(&browser, 0.55, 0.3), shown(REFERENCE, EXPOSURE)));
     browser.keys(&",".repeat(5));
     assert!((data(&browser, "swipe") - 0.4).abs() < 1e-9);
-    assert!(
-        near(red_at(&browser, 0.45, 0.3), shown(REFERENCE, EXPOSURE)),
-        "the line did not move"
-    );
+    assert!(near(red_at(&browser, 0.45, 0.3), shown(REFERENCE, EXPOSURE)), "the line did not move");
     browser.keys(&".".repeat(10));
     assert!(near(red_at(&browser, 0.55, 0.3), shown(TEST, EXPOSURE)));
 
     // Exposure, by key and by slider.
     browser.keys("[[[[");
-    assert!(near(
-        red_at(&browser, 0.45, 0.3),
-        shown(TEST, EXPOSURE - 2.0)
-    ));
+    assert!(near(red_at(&browser, 0.45, 0.3), shown(TEST, EXPOSURE - 2.0)));
     browser.script("document.getElementById('exposure').focus()");
     browser.keys("\u{E014}"); // arrow right: a tenth of a stop
     assert!((data(&browser, "ev") - f64::from(EXPOSURE - 1.9)).abs() < 1e-6);
-    assert!(near(
-        red_at(&browser, 0.45, 0.3),
-        shown(TEST, EXPOSURE - 1.9)
-    ));
+    assert!(near(red_at(&browser, 0.45, 0.3), shown(TEST, EXPOSURE - 1.9)));
 
     // Views: reference, and the heat map of a large difference is bright.
     browser.script("document.getElementById('view').focus()");
     browser.keys("5");
-    assert!(near(
-        red_at(&browser, 0.45, 0.3),
-        shown(REFERENCE, EXPOSURE - 1.9)
-    ));
+    assert!(near(red_at(&browser, 0.45, 0.3), shown(REFERENCE, EXPOSURE - 1.9)));
     browser.keys("7");
     let [red, blue] = ["0", "2"].map(|k| {
         let script = format!("const c = document.getElementById('view'); return c.getContext('2d').getImageData(c.width / 2, c.height / 4, 1, 1).data[{k}]");
         browser.script(&script).as_i64().expect("a number")
     });
-    assert!(
-        red > blue + 30,
-        "brighter than the reference is not red: {red} {blue}"
-    );
+    assert!(red > blue + 30, "brighter than the reference is not red: {red} {blue}");
     browser.keys("2");
     let phase = data(&browser, "phase");
     std::thread::sleep(std::time::Duration::from_millis(700));
@@ -138,44 +105,27 @@ fn the_report_works_in_a_browser_from_the_keyboard() {
 
     // Read-out: the worst pixel is one button away, the arrows go on from there.
     let cell = |row: &str, k: usize| {
-        let text = browser.script(&format!(
-            "return document.querySelectorAll('#{row} td')[{k}].textContent"
-        ));
-        text.as_str()
-            .and_then(|t| t.parse::<f64>().ok())
-            .unwrap_or_else(|| panic!("{row} {k} is {text}"))
+        let text = browser.script(&format!("return document.querySelectorAll('#{row} td')[{k}].textContent"));
+        text.as_str().and_then(|t| t.parse::<f64>().ok()).unwrap_or_else(|| panic!("{row} {k} is {text}"))
     };
     let [x, y] = SPOT;
-    browser.script(&format!("[...document.querySelectorAll('.place')].find(b => b.dataset.x == {x} && b.dataset.y == {y}).click()"));
+    browser.script(&format!(
+        "[...document.querySelectorAll('.place')].find(b => b.dataset.x == {x} && b.dataset.y == {y}).click()"
+    ));
+    assert_eq!(browser.script("return document.getElementById('position').textContent"), format!("{x}, {y}"));
     assert_eq!(
-        browser.script("return document.getElementById('position').textContent"),
-        format!("{x}, {y}")
-    );
-    assert_eq!(
-        (
-            cell("read-test", 0),
-            cell("read-test", 1),
-            cell("read-reference", 0)
-        ),
+        (cell("read-test", 0), cell("read-test", 1), cell("read-reference", 0)),
         (0.125, 0.0, f64::from(REFERENCE))
     );
     assert_eq!(cell("read-ratio", 0), 0.5);
     let spoken = browser.script("return document.getElementById('spoken').textContent");
-    assert!(
-        spoken
-            .as_str()
-            .is_some_and(|s| s.starts_with("Pixel 30, 20")),
-        "{spoken}"
-    );
+    assert!(spoken.as_str().is_some_and(|s| s.starts_with("Pixel 30, 20")), "{spoken}");
     browser.keys("\u{E014}");
     assert_eq!(
         browser.script("return document.getElementById('position').textContent"),
         format!("{}, {y}", x + 1)
     );
-    assert_eq!(
-        (cell("read-test", 0), cell("read-ratio", 3)),
-        (f64::from(TEST), 2.0)
-    );
+    assert_eq!((cell("read-test", 0), cell("read-ratio", 3)), (f64::from(TEST), 2.0));
 
     // Zoom: the red pixel grows with it.
     let zoom = data(&browser, "zoom");

@@ -28,13 +28,7 @@ impl Browser {
         let port = lines
             .by_ref()
             .map_while(Result::ok)
-            .find_map(|line| {
-                line.split("successfully on port ")
-                    .nth(1)?
-                    .trim_end_matches('.')
-                    .parse()
-                    .ok()
-            })
+            .find_map(|line| line.split("successfully on port ").nth(1)?.trim_end_matches('.').parse().ok())
             .expect("chromedriver says its port");
         // Keep reading, or a full pipe would stop it.
         std::thread::spawn(move || lines.for_each(drop));
@@ -52,18 +46,11 @@ impl Browser {
             "--window-size=1200,1000",
             &format!("--user-data-dir={}", profile.path().display()),
         ];
-        let mut browser = Browser {
-            driver,
-            port,
-            session: String::new(),
-            _profile: profile,
-        };
+        let mut browser = Browser { driver, port, session: String::new(), _profile: profile };
         let wanted = json!({ "capabilities": { "alwaysMatch": { "browserName": "chrome", "goog:chromeOptions": { "args": flags } } } });
         let answer = browser.request("POST", "/session", &wanted);
-        browser.session = answer["sessionId"]
-            .as_str()
-            .unwrap_or_else(|| panic!("no session: {answer}"))
-            .to_owned();
+        browser.session =
+            answer["sessionId"].as_str().unwrap_or_else(|| panic!("no session: {answer}")).to_owned();
         browser
     }
 
@@ -76,10 +63,7 @@ impl Browser {
         let asynchronous = format!(
             "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(() => done((() => {{ {script} }})())))"
         );
-        self.command(
-            "execute/async",
-            &json!({ "script": asynchronous, "args": [] }),
-        )
+        self.command("execute/async", &json!({ "script": asynchronous, "args": [] }))
     }
 
     /// Types into what has the focus.
@@ -98,13 +82,9 @@ impl Browser {
 
     /// Drags with the mouse, from an offset to the middle of an element by a distance.
     pub(crate) fn drag(&self, id: &str, from: [i32; 2], by: [i32; 2]) {
-        let script =
-            format!("document.getElementById('{id}').scrollIntoView({{ block: 'center' }})");
+        let script = format!("document.getElementById('{id}').scrollIntoView({{ block: 'center' }})");
         self.script(&script);
-        let found = self.command(
-            "element",
-            &json!({ "using": "css selector", "value": format!("#{id}") }),
-        );
+        let found = self.command("element", &json!({ "using": "css selector", "value": format!("#{id}") }));
         let step = |x: i32, y: i32| json!({ "type": "pointerMove", "duration": 50, "x": x, "y": y, "origin": found });
         let actions = json!([
             step(from[0], from[1]),
@@ -124,21 +104,15 @@ impl Browser {
 
     /// One HTTP request; panics on a WebDriver error.
     fn request(&self, method: &str, path: &str, body: &Value) -> Value {
-        let mut socket =
-            TcpStream::connect(("127.0.0.1", self.port)).expect("chromedriver listens");
-        socket
-            .set_read_timeout(Some(Duration::from_secs(60)))
-            .expect("a socket");
+        let mut socket = TcpStream::connect(("127.0.0.1", self.port)).expect("chromedriver listens");
+        socket.set_read_timeout(Some(Duration::from_secs(60))).expect("a socket");
         let body = body.to_string();
         let head = format!(
             "{method} {path} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\nContent-Type: application/json\r\nContent-Length: {}\r\nConnection: close\r\n\r\n",
             self.port,
             body.len()
         );
-        socket
-            .write_all(head.as_bytes())
-            .and_then(|()| socket.write_all(body.as_bytes()))
-            .expect("sent");
+        socket.write_all(head.as_bytes()).and_then(|()| socket.write_all(body.as_bytes())).expect("sent");
         // The answer's length stands in its header: the server may keep the connection open.
         let mut reader = BufReader::new(socket);
         let mut length = 0;
@@ -156,11 +130,7 @@ impl Browser {
         let mut answer = vec![0; length];
         reader.read_exact(&mut answer).expect("an answer");
         let answer: Value = serde_json::from_slice(&answer).expect("JSON");
-        assert!(
-            answer["value"]["error"].is_null(),
-            "{path}: {}",
-            answer["value"]["message"]
-        );
+        assert!(answer["value"]["error"].is_null(), "{path}: {}", answer["value"]["message"]);
         answer["value"].clone()
     }
 }

@@ -69,21 +69,11 @@ fn main() -> std::process::ExitCode {
         count(Outcome::Caught),
         start.elapsed().as_secs_f64()
     );
-    if slowest > TIME_LIMIT {
-        std::process::ExitCode::FAILURE
-    } else {
-        std::process::ExitCode::SUCCESS
-    }
+    if slowest > TIME_LIMIT { std::process::ExitCode::FAILURE } else { std::process::ExitCode::SUCCESS }
 }
 
 fn option(name: &str, default: u64) -> u64 {
     let arguments: Vec<String> = std::env::args().collect();
-    let given = arguments
-        .iter()
-        .position(|a| a == name)
-        .and_then(|at| arguments.get(at + 1));
-    given.map_or(default, |text| {
-        text.parse()
-            .unwrap_or_else(|_| panic!("{name} needs a number, not {text}"))
-    })
+    let given = arguments.iter().position(|a| a == name).and_then(|at| arguments.get(at + 1));
+    given.map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name} needs a number, not {text}")))
 }

@@ -35,11 +35,8 @@ pub(crate) enum Outcome {
 }
 
 /// Limits that keep an execution small.
-pub(crate) const LIMITS: ReadLimits = ReadLimits {
-    max_pixels: 1 << 16,
-    max_channels: 16,
-    max_bytes: 1 << 20,
-};
+pub(crate) const LIMITS: ReadLimits =
+    ReadLimits { max_pixels: 1 << 16, max_channels: 16, max_bytes: 1 << 20 };
 
 /// Small files of every format and compression: generated ones and the small ones of the test data.
 pub(crate) fn seeds() -> Vec<Vec<u8>> {
@@ -52,42 +49,15 @@ pub(crate) fn seeds() -> Vec<Vec<u8>> {
 
     // Every compression and both layouts, through the exr crate.
     use Compression::{B44, B44A, DWAA, DWAB, PIZ, PXR24, RLE, Uncompressed, ZIP1, ZIP16};
-    for compression in [
-        Uncompressed,
-        RLE,
-        ZIP1,
-        ZIP16,
-        PIZ,
-        PXR24,
-        B44,
-        B44A,
-        DWAA(None),
-        DWAB(None),
-    ] {
-        for blocks in [
-            exr::image::Blocks::ScanLines,
-            exr::image::Blocks::Tiles(exr::math::Vec2(8, 8)),
-        ] {
+    for compression in [Uncompressed, RLE, ZIP1, ZIP16, PIZ, PXR24, B44, B44A, DWAA(None), DWAB(None)] {
+        for blocks in [exr::image::Blocks::ScanLines, exr::image::Blocks::Tiles(exr::math::Vec2(8, 8))] {
             let channels = SpecificChannels::rgb(|at: exr::math::Vec2<usize>| {
-                (
-                    at.0 as f32,
-                    exr::prelude::f16::from_f32(at.1 as f32),
-                    (at.0 ^ at.1) as u32,
-                )
+                (at.0 as f32, exr::prelude::f16::from_f32(at.1 as f32), (at.0 ^ at.1) as u32)
             });
-            let encoding = Encoding {
-                compression,
-                blocks,
-                ..Encoding::UNCOMPRESSED
-            };
+            let encoding = Encoding { compression, blocks, ..Encoding::UNCOMPRESSED };
             let layer = exr::image::Layer::new((13, 11), Default::default(), encoding, channels);
             let mut bytes = Cursor::new(Vec::new());
-            if exr::image::Image::from_layer(layer)
-                .write()
-                .non_parallel()
-                .to_buffered(&mut bytes)
-                .is_ok()
-            {
+            if exr::image::Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).is_ok() {
                 seeds.push(bytes.into_inner());
             }
         }
@@ -109,22 +79,11 @@ pub(crate) fn seeds() -> Vec<Vec<u8>> {
     seeds.push([b"PF\n3 2\n-1.0\n".as_slice(), &[7; 72]].concat());
 
     for folder in ["valid", "invalid"] {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("tests/data")
-            .join(folder);
-        let mut paths: Vec<_> = std::fs::read_dir(folder)
-            .into_iter()
-            .flatten()
-            .flatten()
-            .map(|e| e.path())
-            .collect();
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(folder);
+        let mut paths: Vec<_> =
+            std::fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
         paths.sort();
-        seeds.extend(
-            paths
-                .iter()
-                .filter_map(|p| std::fs::read(p).ok())
-                .filter(|bytes| bytes.len() < 1500),
-        );
+        seeds.extend(paths.iter().filter_map(|p| std::fs::read(p).ok()).filter(|bytes| bytes.len() < 1500));
     }
     seeds
 }
@@ -140,9 +99,7 @@ pub(crate) fn execute(seeds: &[Vec<u8>], random: &mut Random) -> (Vec<u8>, Outco
     }
     let outcome = match Image::decode(&bytes, &LIMITS) {
         Ok(_) => Outcome::Decoded,
-        Err(ImageError::Damaged { reason, .. }) if reason == "its decoder gave up on it" => {
-            Outcome::Caught
-        }
+        Err(ImageError::Damaged { reason, .. }) if reason == "its decoder gave up on it" => Outcome::Caught,
         Err(_) => Outcome::Refused,
     };
     (bytes, outcome)
@@ -153,11 +110,7 @@ fn mutate(bytes: &mut Vec<u8>, seeds: &[Vec<u8>], random: &mut Random) {
         return;
     }
     // Half of the mutations hit the first 400 bytes, where headers are.
-    let reach = if random.below(2) == 0 {
-        bytes.len().min(400)
-    } else {
-        bytes.len()
-    };
+    let reach = if random.below(2) == 0 { bytes.len().min(400) } else { bytes.len() };
     let at = random.below(reach);
     match random.below(8) {
         0 => bytes[at] ^= 1 << random.below(8),
@@ -178,11 +131,7 @@ fn mutate(bytes: &mut Vec<u8>, seeds: &[Vec<u8>], random: &mut Random) {
                 0x0100_0000,
             ];
             let value = INTERESTING[random.below(INTERESTING.len())];
-            let value = if random.below(2) == 0 {
-                value.to_le_bytes()
-            } else {
-                value.to_be_bytes()
-            };
+            let value = if random.below(2) == 0 { value.to_le_bytes() } else { value.to_be_bytes() };
             for (target, source) in bytes[at..].iter_mut().zip(value) {
                 *target = source;
             }
@@ -211,12 +160,8 @@ fn mutate(bytes: &mut Vec<u8>, seeds: &[Vec<u8>], random: &mut Random) {
 fn repair_checksums(bytes: &mut [u8]) {
     let mut at = 8;
     while at + 12 <= bytes.len() {
-        let length =
-            u32::from_be_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]) as usize;
-        let Some(end) = at
-            .checked_add(8 + length)
-            .filter(|end| end + 4 <= bytes.len())
-        else {
+        let length = u32::from_be_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]) as usize;
+        let Some(end) = at.checked_add(8 + length).filter(|end| end + 4 <= bytes.len()) else {
             return;
         };
         let mut crc = flate2::Crc::new();

@@ -186,21 +186,13 @@ fn read_pixels(
 /// part can need.
 fn check_dwa(chunk: &Chunk, meta: &MetaData) -> Result<(), exr::error::Error> {
     let header = &meta.headers[chunk.layer_index];
-    let (CompressedBlock::Tile(CompressedTileBlock {
-        compressed_pixels_le: data,
-        ..
-    })
-    | CompressedBlock::ScanLine(CompressedScanLineBlock {
-        compressed_pixels_le: data,
-        ..
-    })) = &chunk.compressed_block
+    let (CompressedBlock::Tile(CompressedTileBlock { compressed_pixels_le: data, .. })
+    | CompressedBlock::ScanLine(CompressedScanLineBlock { compressed_pixels_le: data, .. })) =
+        &chunk.compressed_block
     else {
         return Ok(());
     };
-    if !matches!(
-        header.compression,
-        Compression::DWAA(_) | Compression::DWAB(_)
-    ) {
+    if !matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)) {
         return Ok(());
     }
     // A block that did not shrink is stored as it is, without sizes.
@@ -210,11 +202,8 @@ fn check_dwa(chunk: &Chunk, meta: &MetaData) -> Result<(), exr::error::Error> {
     if data.len() as u64 == block {
         return Ok(());
     }
-    let sizes = data.chunks_exact(8).take(11).map(|b| {
-        b.iter()
-            .rev()
-            .fold(0u64, |n, &byte| n << 8 | u64::from(byte))
-    });
+    let sizes =
+        data.chunks_exact(8).take(11).map(|b| b.iter().rev().fold(0u64, |n, &byte| n << 8 | u64::from(byte)));
     if sizes.into_iter().any(|size| size > 4 * block + 65_536) {
         return Err(exr::error::Error::Invalid("DWA section size".into()));
     }
