@@ -87,6 +87,11 @@ impl Deposits {
         within.start + start..within.start + end
     }
 
+    /// Σ of all powers.
+    pub(super) fn total(&self) -> Rgb {
+        self.powers.iter().map(|p| p.as_dvec3()).sum::<DVec3>().as_vec3()
+    }
+
     /// Power of a deposit.
     #[inline]
     pub(super) fn power(&self, index: usize) -> Rgb {

@@ -4,7 +4,7 @@
 //! arrives at a point of a target, L·cosθ·cosθ'/r², over the area density of that point. Every path from a concentrated
 //! source that is deviated at all has exactly one such event, so nothing is missed and nothing counted twice.
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec2};
 use rayon::prelude::*;
 
 use catoptric_light::{Lights, Owner, Source as Origin};

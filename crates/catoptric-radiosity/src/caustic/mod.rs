@@ -25,6 +25,7 @@ use catoptric_trace::{Ledger, Tracer};
 use crate::caustic::deposit::Deposits;
 use crate::caustic::emit::{Emission, Harvest};
 use crate::draft::{Displayed, Draft};
+use crate::refine::mean;
 
 /// Budgets of the caustic term.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,27 +43,30 @@ pub struct CausticParams {
 impl CausticParams {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality) -> Self {
-        let (max_rays, max_vertices) = match quality {
-            Quality::Draft => (1 << 17, 4_000),
-            Quality::Standard => (1 << 20, 20_000),
-            Quality::High => (1 << 23, 200_000),
+        let (max_rays, max_vertices, noise) = match quality {
+            Quality::Draft => (1 << 17, 4_000, 0.06),
+            Quality::Standard => (1 << 20, 20_000, 0.035),
+            Quality::High => (1 << 23, 200_000, 0.012),
         };
         Self {
             min_rays: 1 << 16,
             max_rays,
-            noise: 0.01,
+            noise,
             density: DensityParams {
                 max_vertices,
                 rounds: 10,
-                significance: 4.0,
+                significance: 2.5,
                 tolerance: 0.01,
-                min_count: 24.0,
+                min_count: 16.0,
                 min_edge: 0.0,
                 sharpening: 1,
             },
         }
     }
 }
+
+/// Everywhere at least this share of the mean light is expected: that of other surfaces is not known yet.
+const FLOOR: f32 = 0.2;
 
 /// Where the power went.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -79,6 +83,8 @@ pub struct CausticReport {
     pub elsewhere: DVec3,
     /// Entries that sum to `sent`.
     pub ledger: Ledger,
+    /// Estimated noise against the light there, root mean square over what caustics light.
+    pub noise: f32,
     /// Vertices of its mesh beyond the base.
     pub vertices: usize,
 }
@@ -92,7 +98,6 @@ pub struct Caustic {
     values: Vec<Rgb>,
     base_vertices: usize,
     deposits: Deposits,
-    sharpening: u32,
     /// What was done.
     pub report: CausticReport,
 }
@@ -115,25 +120,26 @@ pub fn caustic(
     let Some(mut emission) = Emission::new(lights, draft, base, walk, seed) else { return Ok(None) };
     progress.begin("caustics", u64::from(params.max_rays));
     emission.learn(seed, progress)?;
+    let tracer = lights.tracer();
+    let density =
+        DensityParams { min_edge: params.density.min_edge.max(tracer.diagonal() / 4000.0), ..params.density };
+    let area: f32 = draft.leaves.iter().map(|leaf| draft.area(leaf)).sum();
     let mut harvest = Harvest::default();
     let mut rays = 0;
     let mut next = params.min_rays.min(params.max_rays);
-    let deposits = loop {
+    let (own, found, deposits) = loop {
         harvest.add(emission.send(rays..next, seed, progress)?);
         rays = next;
         let deposits = Deposits::new(&harvest.deposits, 1.0 / rays as f32);
-        if rays >= params.max_rays || harvest.deposits.is_empty() {
-            break deposits;
+        let floor = FLOOR * (mean(draft, other) + (deposits.total() / area).max_element());
+        let light: Vec<Rgb> = other.iter().map(|&l| l + Rgb::splat(floor)).collect();
+        let mut own = draft.clone();
+        let found = density::refine(tracer, &mut own, &deposits, &light, &density, progress)?;
+        if rays >= params.max_rays || found.noise < params.noise {
+            break (own, found, deposits);
         }
-        next = rays * 4;
-        next = next.min(params.max_rays);
+        next = (rays * 2).min(params.max_rays);
     };
-    let tracer = lights.tracer();
-    let mut own = draft.clone();
-    let density =
-        DensityParams { min_edge: params.density.min_edge.max(tracer.diagonal() / 4000.0), ..params.density };
-    density::refine(tracer, &mut own, &deposits, other, &density, progress)?;
-    let values = density::project(&own, &deposits, density.sharpening);
     let share = 1.0 / f64::from(rays);
     let report = CausticReport {
         rays,
@@ -142,10 +148,11 @@ pub fn caustic(
         deposited: harvest.deposited * share,
         elsewhere: harvest.elsewhere * share,
         ledger: harvest.ledger.scaled(share),
+        noise: found.noise,
         vertices: own.vertices.len() - draft.vertices.len(),
     };
     let base_vertices = draft.vertices.len();
-    Ok(Some(Caustic { draft: own, values, base_vertices, deposits, sharpening: density.sharpening, report }))
+    Ok(Some(Caustic { draft: own, values: found.values, base_vertices, deposits, report }))
 }
 
 impl Caustic {
