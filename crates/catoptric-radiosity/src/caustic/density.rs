@@ -24,8 +24,9 @@ pub struct DensityParams {
     pub max_vertices: usize,
     /// Rounds of splitting.
     pub rounds: u32,
-    /// A triangle is split where the squared difference is above this multiple of its variance.
-    pub significance: f32,
+    /// A triangle is split where the squared differences of its four parts, or sixteen, are above these multiples of
+    /// their variance: chance alone passes them once in about a hundred times.
+    pub significance: [f32; 2],
     /// … and above this share of the light there, root mean square.
     pub tolerance: f32,
     /// Rays that a triangle must have got, counted by weight.
@@ -41,6 +42,8 @@ pub struct DensityParams {
 struct Moments {
     corners: [Rgb; 3],
     middle: Rgb,
+    /// Σ (power × hat)² at the corners and the middle, channels added.
+    squares: [f32; 4],
 }
 
 /// What is known of a leaf: it holds as long as the leaf, its halved edge and the values at its vertices stay.
@@ -57,7 +60,7 @@ type Memory = HashMap<(u64, u32, Option<usize>), Known>;
 /// Irradiance at the draft's vertices with the power of the deposits; zero where no leaf has the vertex.
 pub(super) fn project(draft: &Draft, deposits: &Deposits, sharpening: u32) -> Vec<Rgb> {
     let leaves = look(draft, deposits, &Memory::default());
-    values(draft, &leaves, sharpening)
+    Projection::new(draft, &leaves, sharpening).values
 }
 
 /// A leaf with its place among the deposits.
@@ -87,46 +90,64 @@ fn look(draft: &Draft, deposits: &Deposits, memory: &Memory) -> Vec<Looked> {
 }
 
 /// Vertex values for the moments.
-fn values(draft: &Draft, leaves: &[Looked], sharpening: u32) -> Vec<Rgb> {
-    let count = draft.vertices.len();
-    let mut right = vec![Rgb::ZERO; count];
-    let mut mass = vec![0.0_f32; count];
-    let mut triangles: Vec<([u32; 3], f32)> = Vec::with_capacity(draft.leaves.len() * 2);
-    for (leaf, looked) in draft.leaves.iter().zip(leaves) {
-        let moments = &looked.known.moments;
-        for (corner, &v) in leaf.vertices.iter().enumerate() {
-            right[v as usize] += moments.corners[corner];
-        }
-        let mut whole = draft.area(leaf);
-        if let Some((_, middle)) = halved(draft, leaf.vertices) {
-            right[middle as usize] += moments.middle;
-            whole *= 0.5;
-        }
-        draft.closed(leaf, |vertices| {
-            for v in vertices {
-                mass[v as usize] += whole / 3.0;
+pub(super) struct Projection {
+    pub(super) values: Vec<Rgb>,
+    /// Area around each vertex / 3.
+    pub(super) mass: Vec<f32>,
+    /// Variance of the lumped values for independent rays, channels added.
+    pub(super) variance: Vec<f32>,
+    /// The mesh as it is shown.
+    pub(super) triangles: Vec<([u32; 3], f32)>,
+}
+
+impl Projection {
+    fn new(draft: &Draft, leaves: &[Looked], sharpening: u32) -> Self {
+        let count = draft.vertices.len();
+        let mut right = vec![Rgb::ZERO; count];
+        let mut mass = vec![0.0_f32; count];
+        let mut variance = vec![0.0_f32; count];
+        let mut triangles: Vec<([u32; 3], f32)> = Vec::with_capacity(draft.leaves.len() * 2);
+        for (leaf, looked) in draft.leaves.iter().zip(leaves) {
+            let moments = &looked.known.moments;
+            for (corner, &v) in leaf.vertices.iter().enumerate() {
+                right[v as usize] += moments.corners[corner];
+                variance[v as usize] += moments.squares[corner];
             }
-            triangles.push((vertices, whole));
-        });
-    }
-    let lumped = |right: &[Rgb]| -> Vec<Rgb> {
-        right.iter().zip(&mass).map(|(&b, &m)| if m > 0.0 { b / m } else { Rgb::ZERO }).collect()
-    };
-    let mut values = lumped(&right);
-    for _ in 0..sharpening {
-        // The consistent mass matrix of a triangle is area/12·(1 + δ).
-        let mut rest = right.clone();
-        for (vertices, area) in &triangles {
-            let sum: Rgb = vertices.iter().map(|&v| values[v as usize]).sum();
-            for &v in vertices {
-                rest[v as usize] -= (sum + values[v as usize]) * (area / 12.0);
+            let mut whole = draft.area(leaf);
+            if let Some((_, middle)) = halved(draft, leaf.vertices) {
+                right[middle as usize] += moments.middle;
+                variance[middle as usize] += moments.squares[3];
+                whole *= 0.5;
+            }
+            draft.closed(leaf, |vertices| {
+                for v in vertices {
+                    mass[v as usize] += whole / 3.0;
+                }
+                triangles.push((vertices, whole));
+            });
+        }
+        let lumped = |right: &[Rgb]| -> Vec<Rgb> {
+            right.iter().zip(&mass).map(|(&b, &m)| if m > 0.0 { b / m } else { Rgb::ZERO }).collect()
+        };
+        let mut values = lumped(&right);
+        for _ in 0..sharpening {
+            // The consistent mass matrix of a triangle is area/12·(1 + δ).
+            let mut rest = right.clone();
+            for (vertices, area) in &triangles {
+                let sum: Rgb = vertices.iter().map(|&v| values[v as usize]).sum();
+                for &v in vertices {
+                    rest[v as usize] -= (sum + values[v as usize]) * (area / 12.0);
+                }
+            }
+            for (value, step) in values.iter_mut().zip(lumped(&rest)) {
+                *value += step;
             }
         }
-        for (value, step) in values.iter_mut().zip(lumped(&rest)) {
-            *value += step;
+        for (variance, &m) in variance.iter_mut().zip(&mass) {
+            *variance = if m > 0.0 { *variance / (m * m) } else { 0.0 };
         }
+        Self { values, mass, variance, triangles }
     }
-    values
 }
 
 /// Which edge of a leaf is halved by its neighbour (0: between corners 0 and 1, …), and the vertex there.
@@ -146,9 +167,11 @@ fn moments(deposits: &Deposits, part: Part, halved: Option<usize>) -> Moments {
             weights[a] -= 0.5 * given;
             weights[b] -= 0.5 * given;
             sums.middle += power * given;
+            sums.squares[3] += (strength(power) * given).powi(2);
         }
         for corner in 0..3 {
             sums.corners[corner] += power * weights[corner];
+            sums.squares[corner] += (strength(power) * weights[corner]).powi(2);
         }
     }
     sums
@@ -171,9 +194,10 @@ pub(super) fn refine(
             return Err(Cancelled);
         }
         let mut leaves = look(draft, deposits, &memory);
-        let values = values(draft, &leaves, params.sharpening);
+        let mut projection = Projection::new(draft, &leaves, params.sharpening);
+        let values = &projection.values;
         leaves.par_iter_mut().zip(&draft.leaves).with_min_len(64).for_each(|(looked, leaf)| {
-            let at = around(draft, leaf, &values);
+            let at = around(draft, leaf, values);
             if looked.known.judged.is_none_or(|j| j.0 != at) {
                 looked.known.judged =
                     Some((at, gain(draft, deposits, leaf, looked.part, &at, other, params)));
@@ -191,7 +215,16 @@ pub(super) fn refine(
         wanted.truncate(room * 2 / 3);
         if wanted.is_empty() || round == params.rounds {
             let noise = noise(draft, deposits, &leaves, other);
-            return Ok(Density { values, noise });
+            let mut light: Vec<f32> = Vec::with_capacity(draft.vertices.len());
+            for (index, vertex) in draft.vertices.iter().enumerate() {
+                light.push(match (other.get(index), vertex.parents) {
+                    (Some(&own), _) => strength(own),
+                    (None, Some([a, b])) => 0.5 * (light[a as usize] + light[b as usize]),
+                    (None, None) => 0.0,
+                });
+            }
+            projection.smooth(&light);
+            return Ok(Density { values: projection.values, noise });
         }
         let marks: Vec<(u32, u32)> = wanted
             .iter()
@@ -233,7 +266,7 @@ fn noise(draft: &Draft, deposits: &Deposits, leaves: &[Looked], other: &[Rgb]) -
     if lit > 0.0 { (sum / lit).sqrt() as f32 } else { 0.0 }
 }
 
-fn strength(light: Rgb) -> f32 {
+pub(super) fn strength(light: Rgb) -> f32 {
     light.element_sum()
 }
 
@@ -283,11 +316,11 @@ fn gain(
     let background = background(draft, leaf, other);
     let light = sum / area + background;
     let mut best: Option<f32> = None;
-    let mut judge = |difference: f32, variance: f32, cells: f32| {
+    let mut judge = |difference: f32, variance: f32, cells: f32, significance: f32| {
         // Root mean square of the irradiance that is not explained, noise taken off.
         let unexplained = (difference - variance).max(0.0) * cells;
         let relative = unexplained.sqrt() / (area * light.max(f32::MIN_POSITIVE));
-        if difference > params.significance * variance && relative > params.tolerance {
+        if difference > significance * variance && relative > params.tolerance {
             let gain = unexplained / area / light.max(f32::MIN_POSITIVE);
             best = Some(best.map_or(gain, |b| b.max(gain)));
         }
@@ -309,8 +342,8 @@ fn gain(
             fine.1 += variance;
         }
     }
-    judge(coarse.0, coarse.1, 4.0);
-    judge(fine.0, fine.1, 16.0);
+    judge(coarse.0, coarse.1, 4.0, params.significance[0]);
+    judge(fine.0, fine.1, 16.0, params.significance[1]);
     best
 }
 

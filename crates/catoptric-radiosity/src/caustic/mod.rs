@@ -8,6 +8,7 @@
 mod density;
 mod deposit;
 mod emit;
+mod smooth;
 mod source;
 mod table;
 mod target;
@@ -55,7 +56,7 @@ impl CausticParams {
             density: DensityParams {
                 max_vertices,
                 rounds: 10,
-                significance: 2.5,
+                significance: [3.5, 2.1],
                 tolerance: 0.01,
                 min_count: 16.0,
                 min_edge: 0.0,
