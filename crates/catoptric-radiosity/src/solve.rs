@@ -10,6 +10,7 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use catoptric_trace::walk::WalkParams;
 use catoptric_trace::{Ledger, Tracer};
 
+use crate::caustic::{CausticParams, CausticReport, caustic};
 use crate::draft::{Displayed, Draft};
 use crate::fit::{FitParams, FitSample, fit};
 use crate::gather::{DiffuseLight, Gathered, Surroundings, gather, look_around};
@@ -57,6 +58,8 @@ pub struct SolveParams {
     pub near_rounds: u32,
     /// The least-squares fit of the gathers; its smoothing is a multiple of the base edge length.
     pub gather_fit: FitParams,
+    /// Light-side rays.
+    pub caustic: CausticParams,
 }
 
 impl SolveParams {
@@ -94,6 +97,7 @@ impl SolveParams {
             near_rounds,
             gather_fit: FitParams { prior: 0.1, smoothing: 0.06, ..FitParams::default() },
             solver: SolverParams::default(),
+            caustic: CausticParams::for_quality(quality),
         }
     }
 }
@@ -117,6 +121,8 @@ pub struct SolveReport {
     pub iterations: usize,
     /// Residual relative to the emitted power where the solver stopped.
     pub residual: f64,
+    /// Light-side rays.
+    pub caustic: CausticReport,
     /// Image chains.
     pub image_chains: usize,
     /// Emitting triangles.
@@ -234,6 +240,23 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         values.values[v as usize] = sources[v as usize].sum();
     }
 
+    // Light over curved mirrors and glass, on a mesh of its own.
+    let shown = mesh_of_gathers.display(tracer);
+    let caustic = caustic(
+        &lights,
+        &mesh_of_gathers,
+        &shown,
+        &values.values[..base_vertices],
+        params.walk,
+        params.seed,
+        &params.caustic,
+        progress,
+    )?;
+    if let Some(caustic) = &caustic {
+        report.caustic = caustic.report;
+        values.values.iter_mut().zip(caustic.on(&draft)).for_each(|(light, more)| *light += more);
+    }
+
     // The coarse solve.
     let sent = patch_sources(&displayed, &patches, &values.values);
     let locator = PatchLocator { mesh: &base.mesh, of_element: &of_element };
@@ -253,10 +276,15 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         ("shadow", sources.iter().map(|s| u64::from(s.rays)).sum()),
         ("rows", patches.len() as u64 * u64::from(params.row_rays)),
         ("gather", gathered.rays),
+        ("light", u64::from(report.caustic.rays)),
     ];
 
     // The display mesh with every term.
-    let result = assemble(displayed, &draft, &sources, &gathered.terms, &patches, &solution.indirect, &sent);
+    let mut result =
+        assemble(displayed, &draft, &sources, &gathered.terms, &patches, &solution.indirect, &sent);
+    if let Some(caustic) = &caustic {
+        result = caustic.add_to(tracer, &mut draft, result);
+    }
     report.faces = result.mesh.faces.len();
     report.elements = result.mesh.elements.len();
     report.vertices = result.mesh.vertices.len();
