@@ -85,6 +85,9 @@ pub struct Displayed {
 /// rounding at any scale, below what a pixel shows.
 const INSET: f32 = 0.01;
 
+/// What hangs parallel before a face nearer than this share of the edge length leaves its outline there.
+const HANGING: f64 = 0.2;
+
 /// Key of an edge.
 #[inline]
 fn edge(a: u32, b: u32) -> (u32, u32) {
@@ -114,7 +117,7 @@ impl Draft {
                         .iter()
                         .map(|&t| scene.corners(t).map(|c| face.frame.flat(c.as_dvec3())))
                         .collect();
-                    let contacts = obstacles.segments(scene, face);
+                    let contacts = obstacles.segments(scene, face, HANGING * f64::from(spacing));
                     Some(triangulate(&triangles, &contacts, f64::from(spacing), tolerance))
                 })
                 .collect()

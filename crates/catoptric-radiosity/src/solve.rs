@@ -12,7 +12,7 @@ use catoptric_trace::{Ledger, Tracer};
 
 use crate::draft::{Displayed, Draft};
 use crate::fit::{FitParams, FitSample, fit};
-use crate::gather::{DiffuseLight, Gathered, gather, reach};
+use crate::gather::{DiffuseLight, Gathered, Surroundings, gather, look_around};
 use crate::media::find_media;
 use crate::patch::{PatchId, PatchMesh};
 use crate::refine::{Field, RefineParams, Values, refine};
@@ -80,7 +80,7 @@ impl SolveParams {
             fit: FitParams::default(),
             row_rays,
             gather_rays,
-            vertex_rays: gather_rays / 4,
+            vertex_rays: gather_rays / 2,
             gather_points: 2.0,
             near: 1.5,
             near_rounds,
@@ -217,7 +217,8 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     refine(tracer, &mut draft, &field, &mut values, &source_params, progress)?;
     let mut sources = collect(&field, draft.vertices.len());
     let displayed = draft.display(tracer);
-    fit_sources(&lights, &draft, &displayed, &mut sources, params, spacing, progress)?;
+    let hidden = hidden_vertices(tracer, &draft, params.seed);
+    fit_sources(&lights, &draft, &displayed, &hidden, &mut sources, params, spacing, progress)?;
     for &v in &displayed.origin {
         values.values[v as usize] = sources[v as usize].sum();
     }
@@ -235,7 +236,8 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     // The final gather sees what sources send and the coarse solution first, then what it found at the vertices.
     let coarse = spread(&draft, &patches, &solution.indirect);
     let sight = Sight { displayed: &displayed, draft: &draft, sources: &values.values };
-    let gathered = gather_all(&lights, &sight, &coarse, &mesh_of_gathers, params, spacing, progress)?;
+    let gathered =
+        gather_all(&lights, &sight, &coarse, &mesh_of_gathers, &hidden, params, spacing, progress)?;
     report.rays = vec![
         ("shadow", sources.iter().map(|s| u64::from(s.rays)).sum()),
         ("rows", patches.len() as u64 * u64::from(params.row_rays)),
@@ -255,6 +257,7 @@ fn fit_sources(
     lights: &Lights,
     draft: &Draft,
     displayed: &Displayed,
+    hidden: &[bool],
     sources: &mut [SourceLight],
     params: &SolveParams,
     spacing: f32,
@@ -306,10 +309,13 @@ fn fit_sources(
     }
     let direct: Vec<Rgb> = found.iter().map(|f| f.0).collect();
     let mirrored: Vec<Rgb> = found.iter().map(|f| f.1).collect();
+    let fit_params = FitParams { smoothing: params.fit.smoothing * spacing, ..params.fit };
+    let hidden_here: Vec<bool> = displayed.origin.iter().map(|&v| hidden[v as usize]).collect();
     let mut refit = |values: &[Rgb], term: fn(&mut SourceLight) -> &mut Rgb| {
         let prior: Vec<Rgb> = displayed.origin.iter().map(|&v| *term(&mut sources[v as usize])).collect();
         if prior.iter().chain(values).any(|v| *v != Rgb::ZERO) {
-            for (&v, fitted) in displayed.origin.iter().zip(fit(mesh, &samples, values, &prior, &params.fit))
+            for (&v, fitted) in
+                displayed.origin.iter().zip(fit(mesh, &samples, values, &prior, &hidden_here, &fit_params))
             {
                 *term(&mut sources[v as usize]) = fitted;
             }
@@ -393,23 +399,15 @@ fn spread(draft: &Draft, patches: &PatchMesh, values: &[Rgb]) -> Vec<Rgb> {
 
 /// Splits edges along which other surfaces are near: the irradiance from them bends on the scale of their distance.
 fn refine_near(tracer: &Tracer, draft: &mut Draft, params: &SolveParams, spacing: f32) {
-    let mut reaches: Vec<f32> = Vec::new();
+    let mut distances: Vec<f32> = Vec::new();
     for round in 0..params.near_rounds {
-        let first = reaches.len() as u32;
+        let first = distances.len() as u32;
         let fresh: Vec<f32> = (first..draft.vertices.len() as u32)
             .into_par_iter()
             .with_min_len(16)
-            .map(|vertex| {
-                let receiver = draft.receiver(tracer, vertex);
-                reach(
-                    tracer,
-                    &receiver,
-                    32,
-                    Key::new(params.seed, Purpose::Hemisphere, u64::from(vertex) | 1 << 41),
-                )
-            })
+            .map(|vertex| surroundings(tracer, draft, vertex, params.seed).distance)
             .collect();
-        reaches.extend(fresh);
+        distances.extend(fresh);
         let shortest = spacing * 0.5_f32.powi(round as i32 + 1);
         let marks: Vec<(u32, u32)> = draft
             .edges()
@@ -417,7 +415,7 @@ fn refine_near(tracer: &Tracer, draft: &mut Draft, params: &SolveParams, spacing
             .filter(|&(a, b)| {
                 let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
                 let length = (y - x).length();
-                length > shortest && length > params.near * reaches[a as usize].min(reaches[b as usize])
+                length > shortest && length > params.near * distances[a as usize].min(distances[b as usize])
             })
             .collect();
         if marks.is_empty() {
@@ -425,6 +423,29 @@ fn refine_near(tracer: &Tracer, draft: &mut Draft, params: &SolveParams, spacing
         }
         draft.split(tracer, &marks);
     }
+}
+
+/// What a vertex sees first.
+fn surroundings(tracer: &Tracer, draft: &Draft, vertex: u32, seed: u32) -> Surroundings {
+    let key = Key::new(seed, Purpose::Hemisphere, u64::from(vertex) | 1 << 41);
+    look_around(tracer, &draft.receiver(tracer, vertex), 32, key)
+}
+
+/// Which draft vertices nobody can see: all of their base, then those between two hidden ones.
+fn hidden_vertices(tracer: &Tracer, draft: &Draft, seed: u32) -> Vec<bool> {
+    let own: Vec<bool> = (0..draft.vertices.len() as u32)
+        .into_par_iter()
+        .with_min_len(16)
+        .map(|v| draft.vertices[v as usize].parents.is_none() && surroundings(tracer, draft, v, seed).hidden)
+        .collect();
+    let mut hidden: Vec<bool> = Vec::with_capacity(own.len());
+    for (vertex, own) in draft.vertices.iter().zip(own) {
+        hidden.push(match vertex.parents {
+            None => own,
+            Some([a, b]) => hidden[a as usize] && hidden[b as usize],
+        });
+    }
+    hidden
 }
 
 /// Gathered light at the vertices of the mesh of the gathers.
@@ -469,6 +490,7 @@ fn gather_all(
     sight: &Sight,
     coarse: &[Rgb],
     draft: &Draft,
+    hidden: &[bool],
     params: &SolveParams,
     spacing: f32,
     progress: &dyn Progress,
@@ -484,7 +506,10 @@ fn gather_all(
             // Refined elements are small because surfaces are near: they get one at least every other time.
             let refined = draft.leaves[displayed.leaves[element as usize] as usize].level > 0;
             let floor = if refined { 0.5 } else { 0.0 };
-            let expected = (params.gather_points * (area / whole).min(1.0)).max(floor);
+            let corners = mesh.elements[element as usize].vertices;
+            let covered = corners.iter().all(|&v| hidden[displayed.origin[v as usize] as usize]);
+            let expected =
+                if covered { 0.0 } else { (params.gather_points * (area / whole).min(1.0)).max(floor) };
             let count = (expected + key.uniform(0)).floor() as u32;
             (0..count).map(move |index| {
                 let (u, v) = triangle_point(key.point2(index));
@@ -511,7 +536,7 @@ fn gather_all(
         .map(|&v| work(&light, &draft.receiver(tracer, v), params.vertex_rays, u64::from(v)))
         .collect();
     let mut known: Vec<Option<Rgb>> = vec![None; draft.vertices.len()];
-    for (&v, g) in displayed.origin.iter().zip(&at_vertices) {
+    for (&v, g) in displayed.origin.iter().zip(&at_vertices).filter(|(v, _)| !hidden[**v as usize]) {
         known[v as usize] = Some(g.direct + g.mirrored + g.caustic + g.indirect);
     }
     let seen = sight.with(&sight.spread(&known));
@@ -530,6 +555,7 @@ fn gather_all(
     }
 
     let fit_params = FitParams { smoothing: params.gather_fit.smoothing * spacing, ..params.gather_fit };
+    let hidden_here: Vec<bool> = displayed.origin.iter().map(|&v| hidden[v as usize]).collect();
     let mut terms: Vec<Option<[Rgb; 4]>> = vec![None; draft.vertices.len()];
     for &v in &displayed.origin {
         terms[v as usize] = Some([Rgb::ZERO; 4]);
@@ -541,7 +567,9 @@ fn gather_all(
         if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
             continue;
         }
-        for (&v, fitted) in displayed.origin.iter().zip(fit(mesh, &samples, &values, &prior, &fit_params)) {
+        for (&v, fitted) in
+            displayed.origin.iter().zip(fit(mesh, &samples, &values, &prior, &hidden_here, &fit_params))
+        {
             if let Some(terms) = &mut terms[v as usize] {
                 terms[term] = fitted;
             }

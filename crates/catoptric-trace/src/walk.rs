@@ -241,7 +241,7 @@ pub mod split {
 
     impl Default for SplitParams {
         fn default() -> Self {
-            Self { max_depth: 1000, roulette_below: 0.01 }
+            Self { max_depth: 1000, roulette_below: 5e-4 }
         }
     }
 
