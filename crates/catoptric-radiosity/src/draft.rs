@@ -410,6 +410,18 @@ impl Draft {
         self.receiver_at(tracer, face, position, normal, triangle)
     }
 
+    /// Where a point inside a leaf receives light.
+    pub fn receiver_in_leaf(&self, tracer: &Tracer, leaf: u32, weights: [f32; 3]) -> Receiver {
+        let leaf = &self.leaves[leaf as usize];
+        let corners = leaf.vertices.map(|v| &self.vertices[v as usize]);
+        let mix = |f: &dyn Fn(usize) -> Vec3| f(0) * weights[0] + f(1) * weights[1] + f(2) * weights[2];
+        let position = mix(&|k| corners[k].position);
+        let normal = mix(&|k| corners[k].normal).try_normalize().unwrap_or(corners[0].normal);
+        let face = &self.faces[leaf.face as usize];
+        let triangle = face.triangle_at(tracer, position);
+        self.receiver_at(tracer, face, position, normal, triangle)
+    }
+
     /// A receiver at a point of a face.
     pub fn receiver_at(
         &self,

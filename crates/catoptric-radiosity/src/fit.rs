@@ -40,10 +40,8 @@ impl Default for FitParams {
     }
 }
 
-/// Share of the prior that hidden vertices keep, so that the system stays regular where everything is hidden.
-const HIDDEN_WEIGHT: f32 = 1e-3;
-
-/// `hidden` vertices have a prior that says nothing: the membrane carries the light of their neighbours over.
+/// `trust` scales the prior per vertex: near zero where nobody looks, so that the membrane carries the light of the
+/// neighbours over; above one where a vertex has seen more per area than the samples.
 ///
 /// Fits `values[s]` at `samples[s]`, starting from and held by `prior` per vertex. Never negative.
 pub fn fit(
@@ -51,7 +49,7 @@ pub fn fit(
     samples: &[FitSample],
     values: &[Rgb],
     prior: &[Rgb],
-    hidden: &[bool],
+    trust: &[f32],
     params: &FitParams,
 ) -> Vec<Rgb> {
     let count = mesh.vertices.len();
@@ -59,7 +57,7 @@ pub fn fit(
     for element in 0..mesh.elements.len() as u32 {
         let third = mesh.area(element) / 3.0;
         for v in mesh.elements[element as usize].vertices {
-            mass[v as usize] += third * params.prior * if hidden[v as usize] { HIDDEN_WEIGHT } else { 1.0 };
+            mass[v as usize] += third * params.prior * trust[v as usize];
         }
     }
     let stiffness: Vec<[f32; 3]> = if params.smoothing > 0.0 {
@@ -208,9 +206,9 @@ mod tests {
         let light = |p: Vec3| Rgb::new(1.0 + p.x, 2.0 + p.y, 3.0);
         let values: Vec<Rgb> = samples.iter().map(|s| light(position(&mesh, s))).collect();
         let prior = vec![Rgb::ONE; mesh.vertices.len()];
-        let seen = vec![false; mesh.vertices.len()];
+        let trust = vec![1.0; mesh.vertices.len()];
         let params = FitParams { prior: 1e-6, smoothing: 0.0, max_steps: 400, tolerance: 1e-7 };
-        for (v, value) in fit(&mesh, &samples, &values, &prior, &seen, &params).iter().enumerate() {
+        for (v, value) in fit(&mesh, &samples, &values, &prior, &trust, &params).iter().enumerate() {
             assert!((*value - light(mesh.vertices[v].position)).length() < 1e-3, "vertex {v}: {value}");
         }
     }
@@ -223,9 +221,9 @@ mod tests {
         let values: Vec<Rgb> =
             samples.iter().map(|s| Rgb::splat(1.0 / (1.0 + (position(&mesh, s).x - 3.0).powi(2)))).collect();
         let prior = vec![Rgb::ONE; mesh.vertices.len()];
-        let seen = vec![false; mesh.vertices.len()];
+        let trust = vec![1.0; mesh.vertices.len()];
         let params = FitParams { prior: 1e-7, smoothing: 0.3, max_steps: 400, tolerance: 1e-8 };
-        let fitted = fit(&mesh, &samples, &values, &prior, &seen, &params);
+        let fitted = fit(&mesh, &samples, &values, &prior, &trust, &params);
         let sent: f32 = samples.iter().zip(&values).map(|(s, v)| s.area * v.x).sum();
         let kept: f32 = (0..mesh.elements.len() as u32)
             .map(|e| {

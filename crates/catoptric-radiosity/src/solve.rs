@@ -68,12 +68,20 @@ impl SolveParams {
                 Quality::Standard => (1_200, 4_000, 0.02, 32, 64, 256, 2),
                 Quality::High => (5_000, 60_000, 0.006, 128, 128, 1_024, 4),
             };
+        let inside_rounds = if quality == Quality::Draft { 0 } else { 2 };
         Self {
             walk: WalkParams::default(),
             light: LightParams::default(),
             seed: 0,
             base_triangles,
-            sources: RefineParams { tolerance, floor: 0.1, rounds: 7, max_vertices, min_edge: 0.0 },
+            sources: RefineParams {
+                tolerance,
+                floor: 0.1,
+                rounds: 7,
+                inside_rounds,
+                max_vertices,
+                min_edge: 0.0,
+            },
             shadow_rays,
             fit_points: 2,
             fit_rays: shadow_rays / 2,
@@ -149,21 +157,14 @@ struct SourceField<'a> {
 }
 
 impl SourceField<'_> {
-    fn light(&self, draft: &Draft, vertex: u32) -> SourceLight {
-        let tracer = self.lights.tracer();
-        let receiver = draft.receiver(tracer, vertex);
-        let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
+    fn light(&self, receiver: &Receiver, rays: u32, key: Key) -> SourceLight {
         let mut scratch = Scratch::default();
         let mut light = SourceLight::default();
         if self.lights.has_sources() {
-            light.direct =
-                self.lights.direct(&receiver, self.params.shadow_rays, key, &mut scratch).irradiance;
-            light.mirrored = self
-                .lights
-                .mirrored(&receiver, self.params.shadow_rays, key.child(1), &mut scratch)
-                .irradiance;
+            light.direct = self.lights.direct(receiver, rays, key, &mut scratch).irradiance;
+            light.mirrored = self.lights.mirrored(receiver, rays, key.child(1), &mut scratch).irradiance;
         }
-        let punctual = self.lights.punctual(&receiver, &mut scratch);
+        let punctual = self.lights.punctual(receiver, &mut scratch);
         light.punctual = punctual.direct + punctual.mirrored;
         light.rays = scratch.rays as u32;
         light
@@ -172,11 +173,21 @@ impl SourceField<'_> {
 
 impl Field for SourceField<'_> {
     fn evaluate(&self, draft: &Draft, vertex: u32) -> Rgb {
-        let light = self.light(draft, vertex);
+        let receiver = draft.receiver(self.lights.tracer(), vertex);
+        let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
+        let light = self.light(&receiver, self.params.shadow_rays, key);
         if let Ok(mut found) = self.found.lock() {
             found.push((vertex, light));
         }
         light.sum()
+    }
+
+    fn evaluate_inside(&self, draft: &Draft, leaf: u32, weights: [f32; 3]) -> Rgb {
+        let receiver = draft.receiver_in_leaf(self.lights.tracer(), leaf, weights);
+        let entity =
+            u64::from(leaf) << 3 | (weights[0].to_bits() ^ weights[1].to_bits()) as u64 & 7 | 1 << 44;
+        let key = Key::new(self.params.seed, Purpose::Emitter, entity);
+        self.light(&receiver, self.params.shadow_rays / 2, key).sum()
     }
 }
 
@@ -310,12 +321,13 @@ fn fit_sources(
     let direct: Vec<Rgb> = found.iter().map(|f| f.0).collect();
     let mirrored: Vec<Rgb> = found.iter().map(|f| f.1).collect();
     let fit_params = FitParams { smoothing: params.fit.smoothing * spacing, ..params.fit };
-    let hidden_here: Vec<bool> = displayed.origin.iter().map(|&v| hidden[v as usize]).collect();
+    let trust: Vec<f32> =
+        displayed.origin.iter().map(|&v| if hidden[v as usize] { HIDDEN_TRUST } else { 1.0 }).collect();
     let mut refit = |values: &[Rgb], term: fn(&mut SourceLight) -> &mut Rgb| {
         let prior: Vec<Rgb> = displayed.origin.iter().map(|&v| *term(&mut sources[v as usize])).collect();
         if prior.iter().chain(values).any(|v| *v != Rgb::ZERO) {
             for (&v, fitted) in
-                displayed.origin.iter().zip(fit(mesh, &samples, values, &prior, &hidden_here, &fit_params))
+                displayed.origin.iter().zip(fit(mesh, &samples, values, &prior, &trust, &fit_params))
             {
                 *term(&mut sources[v as usize]) = fitted;
             }
@@ -448,6 +460,39 @@ fn hidden_vertices(tracer: &Tracer, draft: &Draft, seed: u32) -> Vec<bool> {
     hidden
 }
 
+/// Share of the prior that hidden vertices keep, so that the fit stays regular where everything is hidden.
+const HIDDEN_TRUST: f32 = 1e-3;
+/// Rays of a gather at a vertex, at least.
+const MIN_VERTEX_RAYS: u32 = 16;
+
+/// Rays of each vertex, in proportion to the area around it, and how much the fit trusts them: by the rays per area that
+/// they have seen, compared with the samples inside.
+fn vertex_budgets(
+    displayed: &Displayed,
+    hidden: &[bool],
+    params: &SolveParams,
+    whole: f32,
+) -> (Vec<u32>, Vec<f32>) {
+    let mesh = &displayed.mesh;
+    let mut area = vec![0.0_f32; mesh.vertices.len()];
+    for element in 0..mesh.elements.len() as u32 {
+        let third = mesh.area(element) / 3.0;
+        for v in mesh.elements[element as usize].vertices {
+            area[v as usize] += third;
+        }
+    }
+    let inside = params.gather_points * params.gather_rays as f32 / whole;
+    let budget = |(&area, &origin): (&f32, &u32)| {
+        let share = (area / (0.25 * whole)).min(1.0);
+        let rays = ((params.vertex_rays as f32 * share) as u32)
+            .clamp(MIN_VERTEX_RAYS.min(params.vertex_rays), params.vertex_rays);
+        let density = rays as f32 / area.max(f32::MIN_POSITIVE);
+        let trust = if hidden[origin as usize] { HIDDEN_TRUST } else { (density / inside).clamp(1.0, 40.0) };
+        (rays, trust)
+    };
+    area.iter().zip(&displayed.origin).map(budget).unzip()
+}
+
 /// Gathered light at the vertices of the mesh of the gathers.
 struct GatheredLight {
     /// Direct, mirrored, caustic and indirect per draft vertex; `None` where no element touches it.
@@ -529,11 +574,13 @@ fn gather_all(
         progress.advance(1);
         result
     };
+    let (vertex_rays, trust) = vertex_budgets(&displayed, hidden, params, whole);
     let at_vertices: Vec<Gathered> = displayed
         .origin
         .par_iter()
+        .zip(&vertex_rays)
         .with_min_len(8)
-        .map(|&v| work(&light, &draft.receiver(tracer, v), params.vertex_rays, u64::from(v)))
+        .map(|(&v, &rays)| work(&light, &draft.receiver(tracer, v), rays, u64::from(v)))
         .collect();
     let mut known: Vec<Option<Rgb>> = vec![None; draft.vertices.len()];
     for (&v, g) in displayed.origin.iter().zip(&at_vertices).filter(|(v, _)| !hidden[**v as usize]) {
@@ -555,7 +602,6 @@ fn gather_all(
     }
 
     let fit_params = FitParams { smoothing: params.gather_fit.smoothing * spacing, ..params.gather_fit };
-    let hidden_here: Vec<bool> = displayed.origin.iter().map(|&v| hidden[v as usize]).collect();
     let mut terms: Vec<Option<[Rgb; 4]>> = vec![None; draft.vertices.len()];
     for &v in &displayed.origin {
         terms[v as usize] = Some([Rgb::ZERO; 4]);
@@ -568,14 +614,14 @@ fn gather_all(
             continue;
         }
         for (&v, fitted) in
-            displayed.origin.iter().zip(fit(mesh, &samples, &values, &prior, &hidden_here, &fit_params))
+            displayed.origin.iter().zip(fit(mesh, &samples, &values, &prior, &trust, &fit_params))
         {
             if let Some(terms) = &mut terms[v as usize] {
                 terms[term] = fitted;
             }
         }
     }
-    let rays = at_vertices.len() as u64 * u64::from(params.vertex_rays)
+    let rays = vertex_rays.iter().map(|&r| u64::from(r)).sum::<u64>()
         + inside.len() as u64 * u64::from(params.gather_rays);
     Ok(GatheredLight { terms, rays })
 }
