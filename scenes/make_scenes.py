@@ -190,6 +190,14 @@ def ball(radius, levels):
     return Mesh().smooth([mul(p, radius) for p in P], P, F)
 
 
+def faceted(mesh):
+    """The same triangles, each with its own flat normal."""
+    m = Mesh()
+    for f in mesh.F:
+        m.face(*[mesh.P[i] for i in f])
+    return m
+
+
 def lathe(profiles, segments, closed=False):
     """Turns polylines of (radius, height) about the y axis; the front is to the right of the polyline's direction.
     Each polyline is smooth; start a new one for a crease.  `closed`: the one polyline is a loop (a torus)."""
@@ -456,7 +464,7 @@ def bulb_in_glass():
            bottom=diffuse('floor', (0.45, 0.42, 0.4)))
     s.put('bulb', light('filament', (1.0, 0.82, 0.6), 40.0), ball(0.09, 4), at=(0.1, 1.15, -0.35))
     # solid between the spheres: the outer normals point out, the inner ones into the cavity
-    s.put('shell', glass('glass'), ball(0.24, 5), ball(0.2, 5).flip(), at=(0.1, 1.15, -0.35))
+    s.put('shell', glass('glass'), ball(0.24, 4), ball(0.2, 4).flip(), at=(0.1, 1.15, -0.35))
     s.put('cord', diffuse('black', (0.04, 0.04, 0.04)), tube([(0, 1.392, 0), (0, 2.2, 0)], 0.008, 12), at=(0.1, 0, -0.35))
     s.put('box', diffuse('cream', (0.75, 0.7, 0.55)), box((-0.3, 0, -0.3), (0.3, 0.55, 0.3), ('bottom',)), at=(-0.7, 0, -0.8), turn=20)
     s.put('ball', diffuse('blue', (0.2, 0.35, 0.6)), ball(0.26, 4), at=(0.75, 0.26, -0.55))
@@ -536,12 +544,13 @@ def pool():
     at = lambda i, j: j * (n + 1) + i
     top = Mesh().smooth([(x, height(x, z), z) for x, z in grid], [slope(x, z) for x, z in grid],
                         [f for j in range(n) for i in range(n) for f in ((at(i, j), at(i + 1, j), at(i + 1, j + 1)), (at(i, j), at(i + 1, j + 1), at(i, j + 1)))])
-    sides, low = Mesh(), -depth - over
+    sides, bottom, low = Mesh(), Mesh(), -depth - over
+    centre = ((x0 + x1) / 2, low, (z0 + z1) / 2)
     rim = [at(i, 0) for i in range(n + 1)] + [at(n, j) for j in range(1, n + 1)] + [at(i, n) for i in range(n - 1, -1, -1)] + [at(0, j) for j in range(n - 1, -1, -1)]
     for a, b in zip(rim, rim[1:]):
         (ax, az), (bx, bz) = grid[a], grid[b]
         sides.face((ax, height(ax, az), az), (bx, height(bx, bz), bz), (bx, low, bz), (ax, low, az), towards=(bz - az, 0, ax - bx))
-    bottom = quad((x0 - over, low, z0 - over), (x1 + over, low, z0 - over), (x1 + over, low, z1 + over), (x0 - over, low, z1 + over), towards=(0, -1, 0))
+        bottom.face(centre, (ax, low, az), (bx, low, bz), towards=(0, -1, 0))
     s.put('water', glass('water', 1.33, (0.72, 0.93, 0.95), 1.5), top, sides, bottom)
     s.put('light', light('light', (1.0, 0.95, 0.86), 22.0), quad((-0.9, 2.599, -1.1), (0.1, 2.599, -1.1), (0.1, 2.599, -0.3), (-0.9, 2.599, -0.3), towards=(0, -1, 0)))
     s.put('bench', diffuse('wood', (0.45, 0.28, 0.16)), soft_box((-0.7, 0.36, -0.15), (0.7, 0.42, 0.15), 0.008),
@@ -625,7 +634,8 @@ def mirror_corner():
 
 
 def furnace(s):
-    """Walls that emit (1, 0.5, 0.25) and reflect 0.5: every ray that ends on a wall brings (2, 1, 0.5)."""
+    """Walls that emit (1, 0.5, 0.25) and reflect 0.5: every ray that ends on a wall brings (2, 1, 0.5).  The balls inside are
+    faceted: with interpolated normals a direction can point below its facet, and what becomes of it is a convention."""
     s.room((-1, -1, -1), (1, 1, 1), light('furnace', (1.0, 0.5, 0.25), 1.0, (0.5, 0.5, 0.5)))
     s.camera((0.35, 0.3, 0.95), (0, -0.1, 0), 62)
 
@@ -634,7 +644,7 @@ def furnace(s):
 def glass_furnace():
     s = Scene('a closed uniform furnace with lossless glass inside, which must vanish')
     furnace(s)
-    s.put('glass_ball', glass('glass', 1.5), ball(0.4, 5), at=(-0.35, -0.1, -0.1))
+    s.put('glass_ball', glass('glass', 1.5), faceted(ball(0.4, 3)), at=(-0.35, -0.1, -0.1))
     s.put('glass_cube', glass('dense_glass', 1.7), box((-0.22, -0.22, -0.22), (0.22, 0.22, 0.22)), at=(0.42, -0.35, -0.25), turn=27)
     return s
 
@@ -644,7 +654,7 @@ def mirror_furnace():
     s = Scene('a closed uniform furnace with lossless mirrors inside, which must vanish')
     furnace(s)
     one = mirror('lossless', (1.0, 1.0, 1.0))
-    s.put('mirror_ball', one, ball(0.38, 5), at=(-0.38, -0.1, -0.1))
+    s.put('mirror_ball', one, faceted(ball(0.38, 3)), at=(-0.38, -0.1, -0.1))
     s.put('mirror_box', one, box((-0.22, -0.3, -0.22), (0.22, 0.3, 0.22)), at=(0.42, -0.3, -0.3), turn=27)
     s.put('mirror_sheet', mirror('lossless_sheet', (1.0, 1.0, 1.0), True), quad((-0.2, 0.45, -0.5), (0.3, 0.5, -0.4), (0.3, 0.8, -0.6), (-0.2, 0.75, -0.7)))
     return s
@@ -746,7 +756,7 @@ def showcase():
 
     # the window: a bright sheet behind glazing bars, facing the back wall
     wx0, wx1, wy0, wy1, wz = -3.95, -2.55, 0.6, 2.1, -0.35
-    s.put('window', light('daylight', (0.7, 0.86, 1.0), 5.0), quad((wx0, wy0, wz), (wx1, wy0, wz), (wx1, wy1, wz), (wx0, wy1, wz), towards=(0, 0, -1)))
+    s.put('window', light('daylight', (0.7, 0.86, 1.0), 8.0), quad((wx0, wy0, wz), (wx1, wy0, wz), (wx1, wy1, wz), (wx0, wy1, wz), towards=(0, 0, -1)))
     bars = [box((wx0 + (wx1 - wx0) * k / 3 - 0.02, wy0, wz - 0.06), (wx0 + (wx1 - wx0) * k / 3 + 0.02, wy1, wz - 0.02)) for k in range(4)]
     bars += [box((wx0, y - 0.02, wz - 0.055), (wx1, y + 0.02, wz - 0.025)) for y in (wy0, (wy0 + wy1) / 2 + 0.2, wy1)]
     s.put('window_bars', trim, *bars)
@@ -754,16 +764,16 @@ def showcase():
 
     # a lamp above the window, shaded so that it shines on the mirror alone
     lamp = (-2.65, 2.62, -0.62)
-    axes = frame_towards(lamp, (-1.13, 1.56, -3))
+    axes = frame_towards(lamp, (-1.1, 1.5, -3))
     place = lambda u, v, w: add(lamp, add(add(mul(axes[0], u), mul(axes[1], v)), mul(axes[2], -w)))
     corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
     s.put('lamp', light('lamp', (1.0, 0.93, 0.82), 620.0), quad(*[place(0.2 * u, 0.2 * v, 0.01) for u, v in corners], towards=mul(axes[2], -1)))
-    s.put('lamp_shade', diffuse('shade', (0.03, 0.03, 0.035), True), *[quad(place(0.21 * a, 0.21 * b, 0), place(0.21 * c, 0.21 * d, 0), place(0.23 * c, 0.23 * d, 0.8), place(0.23 * a, 0.23 * b, 0.8))
+    s.put('lamp_shade', diffuse('shade', (0.03, 0.03, 0.035), True), *[quad(place(0.21 * a, 0.21 * b, 0), place(0.21 * c, 0.21 * d, 0), place(0.23 * c, 0.23 * d, 1.0), place(0.23 * a, 0.23 * b, 1.0))
           for (a, b), (c, d) in zip(corners, corners[1:] + corners[:1])], quad(*[place(0.21 * u, 0.21 * v, 0) for u, v in corners]))
     s.put('alcove_panel', diffuse('navy', (0.05, 0.075, 0.105)), box((-4.3, 0.11, -3), (-1.7, 3.0, -2.99), ('back', 'top', 'left')))
 
     # the gold mirror in its frame
-    mx0, mx1, my0, my1 = -1.6, 0.5, 0.6, 2.35
+    mx0, mx1, my0, my1 = -1.6, 0.5, 0.62, 2.32
     gold, gilt = mirror('gold_mirror', (0.98, 0.80, 0.50)), diffuse('gilt', (0.50, 0.33, 0.13))
     framed(s, 'mirror', (mx0, my0), (mx1, my1), -3, gold, gilt, 0.045, 0.03)
     framed_outer = ((mx0 - 0.045, my0 - 0.045), (mx1 + 0.045, my1 + 0.045))
@@ -789,12 +799,12 @@ def showcase():
 
     # on the table: glass ball, mirror ring, solid glass vase, books, fruit
     table = lambda x, z, y=0.0: (0.35 + x, ty + y, -0.45 + z)
-    s.put('glass_ball', glass('glass', 1.5), ball(0.135, 5), at=table(-0.33, 0.1, 0.1351))
-    s.put('mirror_ring', mirror('brass', (0.95, 0.82, 0.55), True), band(0.12, 0.12, 0.06, 192), at=table(0.08, 0.2))
-    s.put('glass_prism', glass('prism', 1.6), prism([(0.085 * math.cos(math.pi / 3 * k), 0.085 * math.sin(math.pi / 3 * k)) for k in range(6)], 0.0, 0.3), at=table(0.1, -0.2, 0.0005), turn=12)
+    s.put('glass_ball', glass('glass', 1.5), ball(0.17, 5), at=table(-0.4, 0.08, 0.1701))
+    s.put('mirror_ring', mirror('brass', (0.95, 0.82, 0.55), True), band(0.15, 0.15, 0.075, 192), at=table(0.06, 0.18))
+    s.put('glass_prism', glass('prism', 1.6), prism([(0.09 * math.cos(math.pi / 3 * k), 0.09 * math.sin(math.pi / 3 * k)) for k in range(6)], 0.0, 0.36), at=table(0.03, -0.24, 0.0005), turn=12)
     s.put('book_red', diffuse('book_red', (0.5, 0.1, 0.07)), soft_box((-0.14, 0, -0.1), (0.14, 0.032, 0.1), 0.003), at=table(0.5, -0.08), turn=24)
     s.put('book_cream', diffuse('book_cream', (0.68, 0.6, 0.44)), soft_box((-0.12, 0, -0.09), (0.12, 0.026, 0.09), 0.003), at=table(0.5, -0.08, 0.0325), turn=8)
-    s.put('chrome_ball', mirror('silver', (0.93, 0.93, 0.92)), ball(0.07, 4), at=table(0.5, -0.08, 0.1292))
+    s.put('chrome_ball', mirror('silver', (0.93, 0.93, 0.92)), ball(0.09, 4), at=table(0.5, -0.08, 0.1492))
 
     # bookcase along the right wall
     x0, x1, z0, z1, hh = 2.17, 2.49, -1.75, -0.35, 1.62
@@ -813,8 +823,8 @@ def showcase():
           [(0.143, 0.12), (0.13, 0.08), (0.1, 0.035), (0.05, 0.012), (0, 0.01)]], 48), at=(2.32, hh + 0.0005, -1.05))
 
     # an ottoman, a tall vase with twigs, pictures on the partition
-    s.put('ottoman', diffuse('terracotta', (0.55, 0.2, 0.1)), lathe([[(0, 0.06), (0.27, 0.06)] + arc(0.27, 0.11, 0.05, -90, 0, 8)[1:] + arc(0.27, 0.33, 0.06, 0, 90, 8) + [(0.0, 0.405)]], 64), at=(1.55, 0, 0.15))
-    s.put('ottoman_feet', walnut, *[cylinder(0.02, 0, 0.06, 12).move(0.2 * math.cos(k * math.pi / 2 + 0.6), 0, 0.2 * math.sin(k * math.pi / 2 + 0.6)) for k in range(4)], at=(1.55, 0, 0.15))
+    s.put('ottoman', diffuse('terracotta', (0.55, 0.2, 0.1)), lathe([[(0, 0.06), (0.27, 0.06)] + arc(0.27, 0.11, 0.05, -90, 0, 8)[1:] + arc(0.27, 0.33, 0.06, 0, 90, 8) + [(0.0, 0.405)]], 64), at=(1.72, 0, -0.35))
+    s.put('ottoman_feet', walnut, *[cylinder(0.02, 0, 0.06, 12).move(0.2 * math.cos(k * math.pi / 2 + 0.6), 0, 0.2 * math.sin(k * math.pi / 2 + 0.6)) for k in range(4)], at=(1.72, 0, -0.35))
     vase = [(0, 0), (0.09, 0), (0.13, 0.06), (0.165, 0.16), (0.17, 0.27), (0.14, 0.4), (0.085, 0.5), (0.06, 0.56), (0.062, 0.62), (0.075, 0.65)]
     s.put('vase', diffuse('ceramic', (0.7, 0.66, 0.58)), lathe([vase[:2], vase[1:], [(0.075, 0.65), (0.068, 0.65)], [(0.068, 0.65), (0.054, 0.61), (0.05, 0.5)]], 64), at=(1.5, 0, -2.6))
     twigs, buds = Mesh(), Mesh()
@@ -831,7 +841,7 @@ def showcase():
     s.put('twigs', diffuse('bark', (0.14, 0.09, 0.06)), twigs, at=(1.5, 0, -2.6))
     s.put('buds', diffuse('bud', (0.75, 0.68, 0.55)), buds, at=(1.5, 0, -2.6))
     mount = diffuse('mount', (0.76, 0.73, 0.66))
-    for k, (za, zb, ya, yb, paint) in enumerate(((-0.75, -0.2, 1.05, 1.8, [(0.55, 0.2, 0.1), (0.06, 0.24, 0.27), (0.65, 0.45, 0.15)]), (0.05, 0.6, 1.05, 1.8, [(0.1, 0.16, 0.3), (0.6, 0.3, 0.2), (0.5, 0.48, 0.42)]))):
+    for k, (za, zb, ya, yb, paint) in enumerate(((-0.4, 0.15, 1.05, 1.8, [(0.55, 0.2, 0.1), (0.06, 0.24, 0.27), (0.65, 0.45, 0.15)]), (0.4, 0.95, 1.05, 1.8, [(0.1, 0.16, 0.3), (0.6, 0.3, 0.2), (0.5, 0.48, 0.42)]))):
         s.put(f'picture_{k}_frame', black, *[box(p, q, ('left',)) for p, q in (((px, ya, za), (px + 0.03, ya + 0.025, zb)), ((px, yb - 0.025, za), (px + 0.03, yb, zb)),
               ((px, ya + 0.025, za), (px + 0.03, yb - 0.025, za + 0.025)), ((px, ya + 0.025, zb - 0.025), (px + 0.03, yb - 0.025, zb)))])
         face = lambda x, z0, y0, z1, y1: quad((x, y0, z0), (x, y0, z1), (x, y1, z1), (x, y1, z0), towards=(1, 0, 0))
@@ -839,7 +849,7 @@ def showcase():
         w, hgt = zb - za - 0.2, yb - ya - 0.2
         for j, c in enumerate(paint):
             s.put(f'picture_{k}_{j}', diffuse(f'paint_{k}_{j}', c), face(px + 0.016, za + 0.1, ya + 0.1 + hgt * j / 3, zb - 0.1, ya + 0.1 + hgt * (j + 1) / 3))
-    s.camera((1.2, 1.38, 3.0), (0.27, 0.83, -1.5), 41, 1.5)
+    s.camera((1.15, 1.36, 2.5), (0.36, 0.78, -1.3), 43, 1.5)
     return s
 
 

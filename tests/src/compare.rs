@@ -79,6 +79,7 @@ pub fn compare(
     assert_eq!(layers.len(), names.len(), "known layers: {LAYERS:?}");
     let image = mean(twin.layers.iter().flat_map(|l| &l.mean)) * LAYERS.len() as f64;
     let all = Spread::of(&layers, 0..ours.len());
+    let brightest = twin.layers.iter().fold(DVec3::ZERO, |peak, layer| peak.max(layer.peak));
     let logarithm = -libm::log(0.5 * level);
 
     let mut blocks = vec![(None, (0..ours.len()).collect::<Vec<usize>>())];
@@ -96,12 +97,14 @@ pub fn compare(
         let count = pixels.len() as f64;
         for channel in 0..3 {
             let ours: f64 = pixels.iter().map(|&p| f64::from(ours[p][channel])).sum::<f64>() / count;
-            // Variance per light, of the whole layer: what our claim would show.
-            let per_light =
-                if all.sum[channel] > 0.0 { all.variance[channel] / all.sum[channel] } else { 0.0 };
-            let variance = sum.variance[channel].max(per_light * ours * count);
+            // Fewer than ten hits in the whole layer do not show how large a hit can be: the brightest of any layer.
+            let few = all.sum[channel] <= 10.0 * all.peak[channel];
+            let b = if few { brightest[channel] } else { all.peak[channel] };
+            // Variance per light, of the whole layer (terms of [0, b] have at most b): what our claim would show.
+            let per_light = if few { b } else { all.variance[channel] / all.sum[channel] };
+            let variance = sum.variance[channel].max(per_light * ours.max(0.0) * count);
             // t² = 2(V + b·t/3)·log: the positive root.
-            let b = all.peak[channel] * logarithm / 3.0;
+            let b = b * logarithm / 3.0;
             let noise = (b + (b * b + 2.0 * variance * logarithm).sqrt()) / count;
             let twin = sum.sum[channel] / count;
             let systematic =

@@ -2,4 +2,5 @@
 
 pub mod compare;
 mod particles;
+mod path;
 pub mod twin;

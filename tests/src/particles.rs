@@ -12,7 +12,8 @@ use catoptric_trace::{MediumId, MediumStack, Ray};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::twin::{MAX_EVENTS, Random, SPECULAR, Scenery, Twin, TwinParams, Vertex, Way, choose};
+use crate::path::{Random, SPECULAR, Vertex, Way, choose};
+use crate::twin::{MAX_EVENTS, Scenery, Twin, TwinParams};
 
 /// Particles are traced in this many batches, each with its own numbers.
 const BATCHES: u32 = 16;

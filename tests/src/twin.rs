@@ -27,12 +27,13 @@ use std::f32::consts::PI;
 
 use catoptric_scene::light::{PunctualKind, PunctualLight};
 use catoptric_scene::{Barycentric, Camera, Projection, Rgb, TriangleId};
-use catoptric_trace::interaction::{Coat, Interaction};
-use catoptric_trace::{Event, Hit, MediumStack, PlaneId, Ray, Tracer};
+
+use catoptric_trace::{Event, MediumStack, Ray, Tracer};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::particles;
+use crate::path::{DIRECT, INDIRECT, Random, SPECULAR, Vertex, Way, choose};
 
 /// Names of the layers, in the order of [`Twin::layers`].
 pub const LAYERS: [&str; 10] = [
@@ -47,14 +48,6 @@ pub const LAYERS: [&str; 10] = [
     "specular.caustic",
     "specular.indirect",
 ];
-const EMISSION: usize = 0;
-const DIRECT: usize = 1;
-const MIRRORED: usize = 2;
-const CAUSTIC: usize = 3;
-const INDIRECT: usize = 4;
-/// Added to the others where S⁺ stands before the eye.
-pub(crate) const SPECULAR: usize = 5;
-
 /// How much work.
 #[derive(Clone, Copy, Debug)]
 pub struct TwinParams {
@@ -92,72 +85,8 @@ pub struct Twin {
     pub layers: Vec<Layer>,
 }
 
-/// SplitMix64 (Steele, Lea & Flood 2014): nothing in common with the renderer's sequences.
-pub(crate) struct Random(pub(crate) u64);
-
-impl Random {
-    pub(crate) fn next(&mut self) -> f32 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 40) as f32 / (1_u32 << 24) as f32
-    }
-
-    /// A direction about `axis`, uniform over the cap whose cosine is at least `min_cos`.
-    pub(crate) fn in_cap(&mut self, axis: Vec3, min_cos: f32) -> Vec3 {
-        self.around(axis, |u| 1.0 - u * (1.0 - min_cos))
-    }
-
-    /// A direction about `axis` of density cosθ/π.
-    pub(crate) fn cosine(&mut self, axis: Vec3) -> Vec3 {
-        self.around(axis, |u| (1.0 - u).sqrt())
-    }
-
-    fn around(&mut self, axis: Vec3, cos_of: impl Fn(f32) -> f32) -> Vec3 {
-        let cos = cos_of(self.next());
-        let (sin_phi, cos_phi) = libm::sincosf(2.0 * PI * self.next());
-        let tangent = axis.any_orthonormal_vector();
-        let across = tangent * cos_phi + axis.cross(tangent) * sin_phi;
-        (across * (1.0 - cos * cos).max(0.0).sqrt() + axis * cos).normalize_or_zero()
-    }
-}
-
 /// What one path adds to the layers.
 type Shares = [DVec3; 10];
-
-/// What happened since the last diffuse vertex.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Way {
-    undeviated: bool,
-    planar: bool,
-    curved: bool,
-}
-
-impl Way {
-    pub(crate) fn add(&mut self, event: Event) {
-        match event {
-            Event::Undeviated => self.undeviated = true,
-            Event::Planar(_) => self.planar = true,
-            Event::Curved => self.curved = true,
-        }
-    }
-
-    pub(crate) fn is_straight(self) -> bool {
-        !(self.planar || self.curved)
-    }
-
-    /// Layer of light that `bounces` diffuse vertices hand on and that came this way to the first of them.
-    pub(crate) fn layer(self, bounces: u32) -> usize {
-        match bounces {
-            0 => EMISSION,
-            1 if self.is_straight() => DIRECT,
-            1 if !self.curved => MIRRORED,
-            1 => CAUSTIC,
-            _ => INDIRECT,
-        }
-    }
-}
 
 /// Events after which a path is given up. Eye rays along a duct of perfect mirrors meet 1/slope of them: a picture of
 /// it lacks the share 1e-5 of its horizon.
@@ -301,7 +230,7 @@ impl<'a> Scenery<'a> {
                 way = Way::default();
                 ray = Ray { origin: position, direction, from };
             }
-            if bounces == 0 && (way.undeviated || !way.is_straight()) {
+            if bounces == 0 && !way.is_empty() {
                 seen = SPECULAR;
             }
 
@@ -402,68 +331,4 @@ impl<'a> Scenery<'a> {
         }
         Vec3::ZERO
     }
-}
-
-/// A diffuse side that light leaves.
-pub(crate) struct Vertex {
-    pub(crate) position: Vec3,
-    pub(crate) normal: Vec3,
-    pub(crate) geometric: Vec3,
-    from: PlaneId,
-    coat: Coat,
-}
-
-impl Vertex {
-    pub(crate) fn new(
-        tracer: &Tracer,
-        hit: &Hit,
-        surface: &Interaction,
-        position: Vec3,
-        other: bool,
-    ) -> Self {
-        let point = tracer.scene().surface_point(hit.triangle, hit.at);
-        let side = tracer.diffuse_side(hit.triangle, &point, surface.side);
-        let sign = if other { -1.0 } else { 1.0 };
-        Self {
-            position,
-            normal: surface.normal * sign,
-            geometric: surface.geometric * sign,
-            from: tracer.planes().of(hit.triangle),
-            coat: side.map_or(Coat::NONE, |s| s.coat),
-        }
-    }
-
-    /// Cosine with which light from `direction` counts; 0 from below.
-    pub(crate) fn cos(&self, direction: Vec3) -> f32 {
-        if direction.dot(self.geometric) > 0.0 { direction.dot(self.normal).max(0.0) } else { 0.0 }
-    }
-
-    pub(crate) fn transmittance(&self, cos: f32) -> f32 {
-        self.coat.transmittance(cos)
-    }
-
-    pub(crate) fn ray(&self, direction: Vec3) -> Ray {
-        Ray { origin: self.position, direction, from: self.from }
-    }
-}
-
-/// Picks one of the weights in proportion; its index and probability.
-pub(crate) fn choose(
-    weights: impl Iterator<Item = f32> + Clone,
-    random: &mut Random,
-) -> Option<(usize, f32)> {
-    let total: f32 = weights.clone().sum();
-    if total <= 0.0 {
-        return None;
-    }
-    let mut pick = random.next() * total;
-    let mut last = None;
-    for (index, weight) in weights.enumerate().filter(|w| w.1 > 0.0) {
-        last = Some((index, weight / total));
-        if pick < weight {
-            break;
-        }
-        pick -= weight;
-    }
-    last
 }

@@ -335,16 +335,20 @@ impl Emitters {
             if normal.dot(offset) + node.radius <= 0.0 {
                 continue;
             }
+            let distance = offset.length();
+            let small = node.radius < GROUP_RATIO * distance;
             let Some([left, right]) = node.children else {
-                for cell in node.cells[0]..node.cells[1] {
-                    if self.cells[cell as usize].normal.dot(point - self.cells[cell as usize].corner) > 0.0 {
-                        visit(Part::Cell(cell));
-                    }
+                let cell = node.cells[0];
+                if self.cells[cell as usize].normal.dot(point - self.cells[cell as usize].corner) > 0.0 {
+                    let above = normal.dot(offset) > node.radius;
+                    visit(if small && above && self.nodes.len() > 8 {
+                        Part::Group(index)
+                    } else {
+                        Part::Cell(cell)
+                    });
                 }
                 continue;
             };
-            let distance = offset.length();
-            let small = node.radius < GROUP_RATIO * distance;
             if small && node.cos_cone > GROUP_CONE_COS && normal.dot(offset) - node.radius > 0.0 {
                 // Turned towards the receiver as a whole: even the most averted normal sees it.
                 let cos = -node.axis.dot(offset) / distance;

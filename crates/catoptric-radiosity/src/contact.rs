@@ -51,8 +51,10 @@ impl Obstacles {
         TOUCH * self.reach
     }
 
-    /// The contact lines on a face: every triangle that is not its own and touches or crosses it from the face's side.
-    pub fn segments(&self, scene: &Scene, face: &FaceDraft) -> Vec<Segment> {
+    /// The contact lines on a face: every triangle that is not its own and touches or crosses it from the face's side,
+    /// and the outlines of what hangs parallel before it nearer than `gap` (metres), like pictures and mirrors: what is
+    /// behind them is dark, and nobody sees it.
+    pub fn segments(&self, scene: &Scene, face: &FaceDraft, gap: f64) -> Vec<Segment> {
         let tolerance = self.tolerance();
         let frame = &face.frame;
         let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -60,11 +62,12 @@ impl Obstacles {
             min = min.min(corner.as_dvec3());
             max = max.max(corner.as_dvec3());
         }
-        let (min, max) = (min - tolerance, max + tolerance);
+        let (min, max) = (min - tolerance.max(gap), max + tolerance.max(gap));
         let outside = |a: DVec3, b: DVec3| (0..3).any(|i| a[i] > max[i] || b[i] < min[i]);
         let own: Vec<[DVec2; 3]> =
             face.triangles.iter().map(|&t| scene.corners(t).map(|c| frame.flat(c.as_dvec3()))).collect();
         let mut segments = Vec::new();
+        let mut hanging: Vec<[DVec2; 3]> = Vec::new();
         for group in &self.groups {
             if outside(group.min, group.max) {
                 continue;
@@ -91,15 +94,25 @@ impl Obstacles {
                     for k in 0..3 {
                         segments.push([frame.flat(corners[k]), frame.flat(corners[(k + 1) % 3])]);
                     }
+                } else if rises && is_parallel(&heights, gap, tolerance, side) {
+                    hanging.push(corners.map(|c| frame.flat(c)));
                 } else if rises && let Some(segment) = crossing(&corners, &heights, tolerance) {
                     segments.push(segment.map(|p| frame.flat(p)));
                 }
             }
         }
+        segments.extend(crate::triangulate::outline(&hanging, tolerance));
         let clipped: Vec<Segment> =
             segments.iter().flat_map(|s| own.iter().filter_map(|t| clip(s, t, tolerance))).collect();
         clipped
     }
+}
+
+/// Whether a triangle hangs nearly parallel before the face, nearer than `gap`.
+fn is_parallel(heights: &[f64; 3], gap: f64, tolerance: f64, side: f64) -> bool {
+    let above = heights.map(|h| h * side);
+    let (low, high) = (above[0].min(above[1]).min(above[2]), above[0].max(above[1]).max(above[2]));
+    low > tolerance && high < gap && high - low < 0.1 * gap
 }
 
 /// Where a triangle meets the plane of height zero.

@@ -85,6 +85,9 @@ pub struct Displayed {
 /// rounding at any scale, below what a pixel shows.
 const INSET: f32 = 0.01;
 
+/// What hangs parallel before a face nearer than this share of the edge length leaves its outline there.
+const HANGING: f64 = 0.2;
+
 /// Key of an edge.
 #[inline]
 fn edge(a: u32, b: u32) -> (u32, u32) {
@@ -114,7 +117,7 @@ impl Draft {
                         .iter()
                         .map(|&t| scene.corners(t).map(|c| face.frame.flat(c.as_dvec3())))
                         .collect();
-                    let contacts = obstacles.segments(scene, face);
+                    let contacts = obstacles.segments(scene, face, HANGING * f64::from(spacing));
                     Some(triangulate(&triangles, &contacts, f64::from(spacing), tolerance))
                 })
                 .collect()
@@ -415,6 +418,18 @@ impl Draft {
         let position = mix(&|k| corners[k].position);
         let normal = mix(&|k| corners[k].normal).try_normalize().unwrap_or(corners[0].normal);
         let face = &self.faces[self.leaves[displayed.leaves[element as usize] as usize].face as usize];
+        let triangle = face.triangle_at(tracer, position);
+        self.receiver_at(tracer, face, position, normal, triangle)
+    }
+
+    /// Where a point inside a leaf receives light.
+    pub fn receiver_in_leaf(&self, tracer: &Tracer, leaf: u32, weights: [f32; 3]) -> Receiver {
+        let leaf = &self.leaves[leaf as usize];
+        let corners = leaf.vertices.map(|v| &self.vertices[v as usize]);
+        let mix = |f: &dyn Fn(usize) -> Vec3| f(0) * weights[0] + f(1) * weights[1] + f(2) * weights[2];
+        let position = mix(&|k| corners[k].position);
+        let normal = mix(&|k| corners[k].normal).try_normalize().unwrap_or(corners[0].normal);
+        let face = &self.faces[leaf.face as usize];
         let triangle = face.triangle_at(tracer, position);
         self.receiver_at(tracer, face, position, normal, triangle)
     }

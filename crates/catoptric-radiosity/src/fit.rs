@@ -3,7 +3,9 @@
 //!
 //! Minimises Σ_s a_s (f(x_s) − h_s)² + λ Σ_v m_v (f_v − p_v)², a_s the area that a sample stands for, p_v the point
 //! sample at the vertex and m_v a third of the area around it. Hat functions sum to one, so without the prior the fit
-//! keeps the integral: Σ a_s (f(x_s) − h_s) = 0. The prior holds vertices that few samples reach.
+//! keeps the integral: Σ a_s (f(x_s) − h_s) = 0. The prior holds vertices that few samples reach. A membrane
+//! ℓ² ∫|∇f|² averages over the length ℓ where elements are finer than that and samples would leave noise; it keeps the
+//! integral, too.
 
 use catoptric_scene::Rgb;
 use catoptric_solution::DisplayMesh;
@@ -24,6 +26,8 @@ pub struct FitSample {
 pub struct FitParams {
     /// λ: weight of the point samples at the vertices.
     pub prior: f32,
+    /// ℓ: light is averaged over this length where the mesh is finer, metres.
+    pub smoothing: f32,
     /// Steps of the conjugate gradients at most.
     pub max_steps: usize,
     /// Residual relative to the right-hand side at which they stop.
@@ -32,16 +36,20 @@ pub struct FitParams {
 
 impl Default for FitParams {
     fn default() -> Self {
-        Self { prior: 0.05, max_steps: 60, tolerance: 1e-4 }
+        Self { prior: 0.05, smoothing: 0.0, max_steps: 60, tolerance: 1e-4 }
     }
 }
 
+/// `trust` scales the prior per vertex: near zero where nobody looks, so that the membrane carries the light of the
+/// neighbours over; above one where a vertex has seen more per area than the samples.
+///
 /// Fits `values[s]` at `samples[s]`, starting from and held by `prior` per vertex. Never negative.
 pub fn fit(
     mesh: &DisplayMesh,
     samples: &[FitSample],
     values: &[Rgb],
     prior: &[Rgb],
+    trust: &[f32],
     params: &FitParams,
 ) -> Vec<Rgb> {
     let count = mesh.vertices.len();
@@ -49,9 +57,14 @@ pub fn fit(
     for element in 0..mesh.elements.len() as u32 {
         let third = mesh.area(element) / 3.0;
         for v in mesh.elements[element as usize].vertices {
-            mass[v as usize] += third * params.prior;
+            mass[v as usize] += third * params.prior * trust[v as usize];
         }
     }
+    let stiffness: Vec<[f32; 3]> = if params.smoothing > 0.0 {
+        (0..mesh.elements.len() as u32).map(|e| cotangents(mesh, e, params.smoothing)).collect()
+    } else {
+        Vec::new()
+    };
     let corners = |s: &FitSample| mesh.elements[s.element as usize].vertices;
     let apply = |x: &[Rgb], out: &mut Vec<Rgb>| {
         out.clear();
@@ -63,6 +76,14 @@ pub fn fit(
             out[b] += value * s.weights[1];
             out[c] += value * s.weights[2];
         }
+        for (element, weights) in mesh.elements.iter().zip(&stiffness) {
+            let [a, b, c] = element.vertices.map(|v| v as usize);
+            for ((i, j), &w) in [(b, c), (c, a), (a, b)].into_iter().zip(weights) {
+                let pull = (x[i] - x[j]) * w;
+                out[i] += pull;
+                out[j] -= pull;
+            }
+        }
     };
 
     // Right-hand side and diagonal (Jacobi preconditioner).
@@ -72,6 +93,13 @@ pub fn fit(
         for (v, w) in corners(s).into_iter().zip(s.weights) {
             right[v as usize] += value * (w * s.area);
             diagonal[v as usize] += w * w * s.area;
+        }
+    }
+    for (element, weights) in mesh.elements.iter().zip(&stiffness) {
+        let [a, b, c] = element.vertices.map(|v| v as usize);
+        for ((i, j), &w) in [(b, c), (c, a), (a, b)].into_iter().zip(weights) {
+            diagonal[i] += w;
+            diagonal[j] += w;
         }
     }
     let inverse: Vec<f32> = diagonal.iter().map(|&d| if d > 0.0 { 1.0 / d } else { 0.0 }).collect();
@@ -113,6 +141,18 @@ pub fn fit(
         *value = value.max(Rgb::ZERO);
     }
     x
+}
+
+/// ℓ² times the edge weights of the element's stiffness matrix: half the cotangent of the opposite angle (Pinkall &
+/// Polthier 1993), not below zero.
+fn cotangents(mesh: &DisplayMesh, element: u32, length: f32) -> [f32; 3] {
+    let p = mesh.elements[element as usize].vertices.map(|v| mesh.vertices[v as usize].position);
+    std::array::from_fn(|k| {
+        let (a, b) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
+        let sine = a.cross(b).length();
+        let cotangent = if sine > 0.0 { a.dot(b) / sine } else { 0.0 };
+        0.5 * cotangent.clamp(0.0, 20.0) * length * length
+    })
 }
 
 #[cfg(test)]
@@ -166,8 +206,9 @@ mod tests {
         let light = |p: Vec3| Rgb::new(1.0 + p.x, 2.0 + p.y, 3.0);
         let values: Vec<Rgb> = samples.iter().map(|s| light(position(&mesh, s))).collect();
         let prior = vec![Rgb::ONE; mesh.vertices.len()];
-        let params = FitParams { prior: 1e-6, max_steps: 400, tolerance: 1e-7 };
-        for (v, value) in fit(&mesh, &samples, &values, &prior, &params).iter().enumerate() {
+        let trust = vec![1.0; mesh.vertices.len()];
+        let params = FitParams { prior: 1e-6, smoothing: 0.0, max_steps: 400, tolerance: 1e-7 };
+        for (v, value) in fit(&mesh, &samples, &values, &prior, &trust, &params).iter().enumerate() {
             assert!((*value - light(mesh.vertices[v].position)).length() < 1e-3, "vertex {v}: {value}");
         }
     }
@@ -180,8 +221,9 @@ mod tests {
         let values: Vec<Rgb> =
             samples.iter().map(|s| Rgb::splat(1.0 / (1.0 + (position(&mesh, s).x - 3.0).powi(2)))).collect();
         let prior = vec![Rgb::ONE; mesh.vertices.len()];
-        let params = FitParams { prior: 1e-7, max_steps: 400, tolerance: 1e-8 };
-        let fitted = fit(&mesh, &samples, &values, &prior, &params);
+        let trust = vec![1.0; mesh.vertices.len()];
+        let params = FitParams { prior: 1e-7, smoothing: 0.3, max_steps: 400, tolerance: 1e-8 };
+        let fitted = fit(&mesh, &samples, &values, &prior, &trust, &params);
         let sent: f32 = samples.iter().zip(&values).map(|(s, v)| s.area * v.x).sum();
         let kept: f32 = (0..mesh.elements.len() as u32)
             .map(|e| {

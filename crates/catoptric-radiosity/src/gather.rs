@@ -24,10 +24,6 @@ pub struct Gathered {
     pub caustic: Rgb,
     /// Light from other diffuse surfaces.
     pub indirect: Rgb,
-    /// Harmonic mean distance of what is seen first, metres (infinite if nothing is).
-    pub distance: f32,
-    /// Share of rays that met the black back of a surface first: near 1 inside of solids.
-    pub backs: f32,
     /// Where the power went, if the rays were sent from here.
     pub ledger: Ledger,
 }
@@ -92,11 +88,10 @@ pub fn gather(
     let mut result = Gathered::default();
     let mut ledger = Ledger::default();
     let (tangent, bitangent) = frame(receiver.normal);
-    let mut inverse_distance = 0.0_f32;
-    let mut backs = 0;
     let coated = !receiver.coat.is_none();
-    // Broad emitters: their unoccluded irradiance is exact, rays add what is blocked or reflected.
+    // Broad emitters: their unoccluded irradiance is known exactly and serves as control variate.
     let controlled = !coated && receiver.media == MediumStack::AIR && !lights.emitters().broad().is_empty();
+    let mut halves = [Half::default(); 2];
     for index in 0..rays {
         let local = cosine_hemisphere(key.point2(index));
         let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
@@ -106,12 +101,8 @@ pub fn gather(
             continue;
         }
         let weight = if coated { receiver.coat.transmittance(local.z) } else { 1.0 };
-        if controlled {
-            result.direct -=
-                lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
-        }
+        let before = result.total();
         let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
-        let mut first = true;
         let end = walk::choose(
             tracer,
             ray,
@@ -121,10 +112,6 @@ pub fn gather(
             params,
             &mut ledger,
             |arrival| {
-                if first {
-                    first = false;
-                    inverse_distance += 1.0 / arrival.distance.max(1e-6);
-                }
                 let scale = radiance_scale(tracer, receiver.media, arrival.media.current());
                 result.indirect += arrival.throughput * light.radiance(arrival) * scale;
                 let emission = arrival.interaction.emission.0;
@@ -145,10 +132,12 @@ pub fn gather(
                     *result.class(&chain) += throughput * sky.radiance(direction).0 * scale;
                 }
             }
-            End::Inside if first => {
-                backs += 1;
-            }
             End::Inside => {}
+        }
+        if controlled {
+            let control = lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
+            let half = usize::from(2 * index >= rays);
+            halves[half].add(result.total() - before, control);
         }
     }
     let each = PI / rays.max(1) as f32;
@@ -156,15 +145,54 @@ pub fn gather(
         *sum *= each;
     }
     if controlled {
-        result.direct += lights.broad_unoccluded(receiver);
+        let exact = lights.broad_unoccluded(receiver);
+        // Each half is corrected with the coefficient of the other, so that no sample decides its own weight.
+        for (own, other) in [(0, 1), (1, 0)] {
+            let share = halves[own].count / rays.max(1) as f32;
+            let found = halves[own].control * (PI / halves[own].count.max(1.0));
+            result.direct += (exact - found) * (halves[other].coefficient() * share);
+        }
     }
-    result.distance = if inverse_distance > 0.0 { rays as f32 / inverse_distance } else { f32::INFINITY };
     result.ledger = ledger;
-    result.backs = backs as f32 / rays.max(1) as f32;
     result
 }
 
+/// Sums over half of the rays of a gather, for the control variate.
+#[derive(Clone, Copy, Debug, Default)]
+struct Half {
+    count: f32,
+    control: Rgb,
+    /// Σ f, Σ g, Σ fg, Σ g² of the summed channels.
+    moments: [f64; 4],
+}
+
+impl Half {
+    #[inline]
+    fn add(&mut self, found: Rgb, control: Rgb) {
+        let (f, g) = (f64::from(found.element_sum()), f64::from(control.element_sum()));
+        self.count += 1.0;
+        self.control += control;
+        for (sum, value) in self.moments.iter_mut().zip([f, g, f * g, g * g]) {
+            *sum += value;
+        }
+    }
+
+    /// Cov(f, g)/Var(g): 1 where the broad emitters are all there is, 0 in a furnace, where every ray finds the same.
+    fn coefficient(&self) -> f32 {
+        let n = f64::from(self.count.max(1.0));
+        let [f, g, fg, gg] = self.moments.map(|m| m / n);
+        let variance = gg - g * g;
+        if variance > 1e-6 * gg { ((fg - f * g) / variance).clamp(0.0, 1.0) as f32 } else { 1.0 }
+    }
+}
+
 impl Gathered {
+    /// All classes.
+    #[inline]
+    fn total(&self) -> Rgb {
+        self.direct + self.mirrored + self.caustic + self.indirect
+    }
+
     #[inline]
     fn class(&mut self, chain: &Chain) -> &mut Rgb {
         match PathClass::of(chain) {
@@ -172,5 +200,38 @@ impl Gathered {
             PathClass::Mirrored => &mut self.mirrored,
             PathClass::Caustic => &mut self.caustic,
         }
+    }
+}
+
+/// What a receiver sees first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surroundings {
+    /// Harmonic mean distance, metres: the scale on which irradiance from near surfaces varies (Ward & Heckbert 1992).
+    /// Infinite where nothing is seen.
+    pub distance: f32,
+    /// Only black backs and nothing else: the inside of a solid, or the gap behind a mirror. Nobody looks there.
+    pub hidden: bool,
+}
+
+/// Share of rays that meet black backs beyond which a place counts as hidden: a place beside a single sheet sees half.
+const HIDDEN_SHARE: f32 = 0.9;
+
+/// Looks around with `rays` hemisphere rays.
+pub fn look_around(tracer: &Tracer, receiver: &Receiver, rays: u32, key: Key) -> Surroundings {
+    let (tangent, bitangent) = frame(receiver.normal);
+    let mut inverse = 0.0_f32;
+    let mut backs = 0;
+    for index in 0..rays {
+        let local = cosine_hemisphere(key.point2(index));
+        let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
+        let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
+        if let Some(hit) = tracer.nearest(&ray, f32::INFINITY) {
+            inverse += 1.0 / hit.t.max(1e-6);
+            backs += u32::from(hit.back && tracer.is_culled_from_behind(hit.triangle));
+        }
+    }
+    Surroundings {
+        distance: if inverse > 0.0 { rays as f32 / inverse } else { f32::INFINITY },
+        hidden: backs as f32 > HIDDEN_SHARE * rays as f32,
     }
 }

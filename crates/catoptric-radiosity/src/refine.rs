@@ -14,6 +14,8 @@ pub struct RefineParams {
     pub floor: f32,
     /// Rounds: each halves edges.
     pub rounds: u32,
+    /// First rounds in which triangles are also tested inside, where thin shadows hide.
+    pub inside_rounds: u32,
     /// Vertices at most.
     pub max_vertices: usize,
     /// Edges shorter than this are left alone, metres.
@@ -24,6 +26,8 @@ pub struct RefineParams {
 pub trait Field: Sync {
     /// Value at a vertex.
     fn evaluate(&self, draft: &Draft, vertex: u32) -> Rgb;
+    /// Value at barycentric weights inside a leaf.
+    fn evaluate_inside(&self, draft: &Draft, leaf: u32, weights: [f32; 3]) -> Rgb;
 }
 
 /// Values of all vertices made so far.
@@ -67,7 +71,7 @@ pub fn refine(
 ) -> Result<(), Cancelled> {
     values.extend(draft, field, progress)?;
     let mut candidates = draft.edges();
-    for _ in 0..params.rounds {
+    for round in 0..params.rounds {
         // What is the scale of this light? The area-weighted mean of the vertices so far.
         let floor = params.floor * mean(draft, &values.values);
         if floor <= 0.0 {
@@ -91,14 +95,20 @@ pub fn refine(
                 let light = (middle + p + q) / 3.0 + Rgb::splat(floor);
                 let relative = (error / light).max_element();
                 let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
-                (relative > params.tolerance).then_some((relative * (y - x).length(), (a, b)))
+                (relative > params.tolerance).then(|| (cost(relative, (y - x).length()), (a, b)))
             })
             .collect();
-        // The worst first, as far as the budget goes: each split edge makes about two and a half vertices.
+        if round < params.inside_rounds {
+            marks.extend(test_inside(draft, field, &values.values, floor, params, round));
+        }
+        // The worst first, as far as the budget goes: each split edge makes about two vertices, and half of what is
+        // left is kept for later rounds, where shadows get their edges.
+        marks.sort_by(|x, y| x.1.cmp(&y.1).then(y.0.total_cmp(&x.0)));
+        marks.dedup_by_key(|m| m.1);
         marks.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         let active = draft.active_vertices();
         let room = params.max_vertices.saturating_sub(active);
-        marks.truncate(room);
+        marks.truncate(room / 4);
         if marks.is_empty() {
             return Ok(());
         }
@@ -111,6 +121,59 @@ pub fn refine(
         candidates.retain(|e| known.binary_search(e).is_err());
     }
     Ok(())
+}
+
+/// What an edge adds to the squared error of a picture: relative error squared times area.
+fn cost(relative: f32, length: f32) -> f32 {
+    relative.min(2.0).powi(2) * length * length
+}
+
+/// Points tested inside a triangle, one per corner's third.
+const INSIDE: [[f32; 3]; 3] = [[0.62, 0.19, 0.19], [0.19, 0.62, 0.19], [0.19, 0.19, 0.62]];
+
+/// Edges of the triangles that hold something that their corners do not foretell.
+fn test_inside(
+    draft: &Draft,
+    field: &dyn Field,
+    values: &[Rgb],
+    floor: f32,
+    params: &RefineParams,
+    round: u32,
+) -> Vec<(f32, (u32, u32))> {
+    use rayon::prelude::*;
+    draft
+        .leaves
+        .par_iter()
+        .enumerate()
+        .with_min_len(16)
+        .filter(|(_, leaf)| u32::from(leaf.level) >= round)
+        .flat_map_iter(|(index, leaf)| {
+            let corners = leaf.vertices.map(|v| values[v as usize]);
+            let longest = (0..3)
+                .map(|k| {
+                    let [a, b] = [k, (k + 1) % 3].map(|i| draft.vertices[leaf.vertices[i] as usize].position);
+                    (b - a).length()
+                })
+                .fold(0.0, f32::max);
+            let worst = INSIDE
+                .iter()
+                .map(|weights| {
+                    let foretold =
+                        corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
+                    let found = field.evaluate_inside(draft, index as u32, *weights);
+                    let light = (found + foretold) * 0.5 + Rgb::splat(floor);
+                    ((found - foretold).abs() / light).max_element()
+                })
+                .fold(0.0, f32::max);
+            // What a linear interpolant misses at these points is most of what it misses at an edge's middle.
+            let marked = worst > 2.0 * params.tolerance && longest > params.min_edge;
+            let vertices = leaf.vertices;
+            (0..if marked { 3 } else { 0 }).map(move |k| {
+                let (a, b) = (vertices[k], vertices[(k + 1) % 3]);
+                (cost(worst, longest), (a.min(b), a.max(b)))
+            })
+        })
+        .collect()
 }
 
 /// Area-weighted mean of the largest channel.

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use catoptric_light::irradiance::Scratch;
-use catoptric_light::{LightParams, Lights};
+use catoptric_light::{LightParams, Lights, Receiver};
 use catoptric_scene::{Cancelled, Progress, Rgb, TriangleId};
 use catoptric_solution::{PatchRadiosity, Quality, Solution, Term};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
@@ -13,7 +13,7 @@ use catoptric_trace::{Ledger, Tracer};
 use crate::caustic::{CausticParams, CausticReport, caustic};
 use crate::draft::{Displayed, Draft};
 use crate::fit::{FitParams, FitSample, fit};
-use crate::gather::{DiffuseLight, Gathered, gather};
+use crate::gather::{DiffuseLight, Gathered, Surroundings, gather, look_around};
 use crate::media::find_media;
 use crate::patch::{PatchId, PatchMesh};
 use crate::refine::{Field, RefineParams, Values, refine};
@@ -47,11 +47,17 @@ pub struct SolveParams {
     pub gather_rays: u32,
     /// The coarse solver.
     pub solver: SolverParams,
-    /// Base edges are split for the gather where they are longer than this multiple of the harmonic mean distance of what
-    /// is seen from them.
-    pub gather_reach: f32,
+    /// Rays of a gather at a vertex, which only holds the fit.
+    pub vertex_rays: u32,
+    /// Gathers inside a base element.
+    pub gather_points: f32,
+    /// Edges are split for the gather where they are longer than this multiple of the harmonic mean distance of what is
+    /// seen from them.
+    pub near: f32,
     /// Times.
-    pub gather_rounds: u32,
+    pub near_rounds: u32,
+    /// The least-squares fit of the gathers; its smoothing is a multiple of the base edge length.
+    pub gather_fit: FitParams,
     /// Light-side rays.
     pub caustic: CausticParams,
 }
@@ -59,27 +65,38 @@ pub struct SolveParams {
 impl SolveParams {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality) -> Self {
-        let (base_triangles, max_vertices, tolerance, shadow_rays, row_rays, gather_rays, gather_rounds) =
+        let (base_triangles, max_vertices, tolerance, shadow_rays, row_rays, gather_rays, near_rounds) =
             match quality {
-                Quality::Draft => (500, 2_000, 0.06, 16, 64, 64, 0),
-                Quality::Standard => (1_200, 6_000, 0.02, 64, 64, 400, 1),
-                Quality::High => (5_000, 60_000, 0.006, 256, 128, 1_600, 2),
+                Quality::Draft => (400, 1_500, 0.06, 16, 64, 64, 1),
+                Quality::Standard => (1_200, 4_000, 0.02, 32, 64, 256, 2),
+                Quality::High => (5_000, 60_000, 0.006, 128, 128, 1_024, 4),
             };
+        let inside_rounds = if quality == Quality::Draft { 0 } else { 2 };
         Self {
             walk: WalkParams::default(),
             light: LightParams::default(),
             seed: 0,
             base_triangles,
-            sources: RefineParams { tolerance, floor: 0.1, rounds: 7, max_vertices, min_edge: 0.0 },
+            sources: RefineParams {
+                tolerance,
+                floor: 0.1,
+                rounds: 7,
+                inside_rounds,
+                max_vertices,
+                min_edge: 0.0,
+            },
             shadow_rays,
             fit_points: 2,
             fit_rays: shadow_rays / 2,
             fit: FitParams::default(),
             row_rays,
             gather_rays,
+            vertex_rays: gather_rays / 2,
+            gather_points: 2.0,
+            near: 1.5,
+            near_rounds,
+            gather_fit: FitParams { prior: 0.1, smoothing: 0.06, ..FitParams::default() },
             solver: SolverParams::default(),
-            gather_reach: 1.0,
-            gather_rounds,
             caustic: CausticParams::for_quality(quality),
         }
     }
@@ -132,6 +149,12 @@ struct SourceLight {
     rays: u32,
 }
 
+impl SourceLight {
+    fn sum(&self) -> Rgb {
+        self.direct + self.mirrored + self.punctual
+    }
+}
+
 /// The field that refinement looks at while it keeps what was found.
 struct SourceField<'a> {
     lights: &'a Lights<'a>,
@@ -140,21 +163,14 @@ struct SourceField<'a> {
 }
 
 impl SourceField<'_> {
-    fn light(&self, draft: &Draft, vertex: u32) -> SourceLight {
-        let tracer = self.lights.tracer();
-        let receiver = draft.receiver(tracer, vertex);
-        let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
+    fn light(&self, receiver: &Receiver, rays: u32, key: Key) -> SourceLight {
         let mut scratch = Scratch::default();
         let mut light = SourceLight::default();
         if self.lights.has_sources() {
-            light.direct =
-                self.lights.direct(&receiver, self.params.shadow_rays, key, &mut scratch).irradiance;
-            light.mirrored = self
-                .lights
-                .mirrored(&receiver, self.params.shadow_rays, key.child(1), &mut scratch)
-                .irradiance;
+            light.direct = self.lights.direct(receiver, rays, key, &mut scratch).irradiance;
+            light.mirrored = self.lights.mirrored(receiver, rays, key.child(1), &mut scratch).irradiance;
         }
-        let punctual = self.lights.punctual(&receiver, &mut scratch);
+        let punctual = self.lights.punctual(receiver, &mut scratch);
         light.punctual = punctual.direct + punctual.mirrored;
         light.rays = scratch.rays as u32;
         light
@@ -163,11 +179,21 @@ impl SourceField<'_> {
 
 impl Field for SourceField<'_> {
     fn evaluate(&self, draft: &Draft, vertex: u32) -> Rgb {
-        let light = self.light(draft, vertex);
+        let receiver = draft.receiver(self.lights.tracer(), vertex);
+        let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
+        let light = self.light(&receiver, self.params.shadow_rays, key);
         if let Ok(mut found) = self.found.lock() {
             found.push((vertex, light));
         }
-        light.direct + light.mirrored + light.punctual
+        light.sum()
+    }
+
+    fn evaluate_inside(&self, draft: &Draft, leaf: u32, weights: [f32; 3]) -> Rgb {
+        let receiver = draft.receiver_in_leaf(self.lights.tracer(), leaf, weights);
+        let entity =
+            u64::from(leaf) << 3 | (weights[0].to_bits() ^ weights[1].to_bits()) as u64 & 7 | 1 << 44;
+        let key = Key::new(self.params.seed, Purpose::Emitter, entity);
+        self.light(&receiver, self.params.shadow_rays / 2, key).sum()
     }
 }
 
@@ -189,6 +215,12 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     report.patches = patches.len();
     progress.advance(1);
 
+    // Finer where other surfaces are near: that is the mesh of the gathers.
+    let mesh_of_gathers = {
+        refine_near(tracer, &mut draft, params, spacing);
+        draft.clone()
+    };
+
     // Light that sources send, refined where it varies.
     progress.begin("sources", params.sources.max_vertices as u64);
     let field = SourceField { lights: &lights, params, found: std::sync::Mutex::default() };
@@ -199,23 +231,34 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         max_vertices: params.sources.max_vertices + base_vertices,
         ..params.sources
     };
-    let unrefined = draft.clone();
     refine(tracer, &mut draft, &field, &mut values, &source_params, progress)?;
     let mut sources = collect(&field, draft.vertices.len());
+    let displayed = draft.display(tracer);
+    let hidden = hidden_vertices(tracer, &draft, params.seed);
+    fit_sources(&lights, &draft, &displayed, &hidden, &mut sources, params, spacing, progress)?;
+    for &v in &displayed.origin {
+        values.values[v as usize] = sources[v as usize].sum();
+    }
 
-    // Light over curved mirrors and glass.
-    let (walk, seed) = (params.walk, params.seed);
-    let other = &values.values[..base_vertices];
-    let caustic = caustic(&lights, &unrefined, &base, other, walk, seed, &params.caustic, progress)?;
-    let mut source_light = values.values.clone();
+    // Light over curved mirrors and glass, on a mesh of its own.
+    let shown = mesh_of_gathers.display(tracer);
+    let caustic = caustic(
+        &lights,
+        &mesh_of_gathers,
+        &shown,
+        &values.values[..base_vertices],
+        params.walk,
+        params.seed,
+        &params.caustic,
+        progress,
+    )?;
     if let Some(caustic) = &caustic {
         report.caustic = caustic.report;
-        source_light.iter_mut().zip(caustic.on(&draft)).for_each(|(light, more)| *light += more);
+        values.values.iter_mut().zip(caustic.on(&draft)).for_each(|(light, more)| *light += more);
     }
 
     // The coarse solve.
-    let displayed = draft.display(tracer);
-    let sent = patch_sources(&displayed, &patches, &source_light);
+    let sent = patch_sources(&displayed, &patches, &values.values);
     let locator = PatchLocator { mesh: &base.mesh, of_element: &of_element };
     let rows =
         rows(&lights, &draft, &patches, &locator, params.row_rays, params.seed, &params.walk, progress)?;
@@ -224,65 +267,21 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     report.residual = solution.residual;
     report.row_ledger = mean_ledger(&patches, &rows);
 
-    // What gathers see: sources at the refined vertices, and the coarse solution.
+    // The final gather sees what sources send and the coarse solution first, then what it found at the vertices.
     let coarse = spread(&draft, &patches, &solution.indirect);
-    let seen: Vec<Rgb> =
-        displayed.origin.iter().map(|&v| source_light[v as usize] + coarse[v as usize]).collect();
-    let light = DiffuseLight { mesh: &displayed.mesh, irradiance: &seen };
-
-    // The final gather, at base vertices and where surfaces are near.
-    progress.begin("gather", base_vertices as u64);
-    let mut gathered: Vec<Option<Gathered>> = vec![None; draft.vertices.len()];
-    let gather_at = |draft: &Draft, wanted: &[u32]| -> Result<Vec<Gathered>, Cancelled> {
-        wanted
-            .par_iter()
-            .with_min_len(4)
-            .map(|&vertex| {
-                if progress.is_cancelled() {
-                    return Err(Cancelled);
-                }
-                let receiver = draft.receiver(tracer, vertex);
-                let key = Key::new(params.seed, Purpose::Hemisphere, u64::from(vertex));
-                let result = gather(&lights, &light, &receiver, params.gather_rays, key, &params.walk);
-                progress.advance(1);
-                Ok(result)
-            })
-            .collect()
-    };
-    let mut wanted: Vec<u32> = base_corners(&draft);
-    let mut gathers = 0;
-    for round in 0..=params.gather_rounds {
-        let results = gather_at(&draft, &wanted)?;
-        gathers += wanted.len();
-        for (&vertex, result) in wanted.iter().zip(results) {
-            gathered[vertex as usize] = Some(result);
-        }
-        if round == params.gather_rounds {
-            break;
-        }
-        let marks = near_edges(&draft, &gathered, params.gather_reach, spacing, round);
-        draft.split(tracer, &marks);
-        values.extend(&draft, &field, progress)?;
-        gathered.resize(draft.vertices.len(), None);
-        wanted = marks
-            .iter()
-            .filter_map(|&(a, b)| draft.known_midpoint(a, b))
-            .filter(|&m| gathered[m as usize].is_none())
-            .collect();
-        wanted.sort_unstable();
-        wanted.dedup();
-    }
-    sources = merged(sources, &field, draft.vertices.len());
+    let sight = Sight { displayed: &displayed, draft: &draft, sources: &values.values };
+    let gathered =
+        gather_all(&lights, &sight, &coarse, &mesh_of_gathers, &hidden, params, spacing, progress)?;
     report.rays = vec![
         ("shadow", sources.iter().map(|s| u64::from(s.rays)).sum()),
         ("rows", patches.len() as u64 * u64::from(params.row_rays)),
-        ("gather", gathers as u64 * u64::from(params.gather_rays)),
+        ("gather", gathered.rays),
         ("light", u64::from(report.caustic.rays)),
     ];
 
     // The display mesh with every term.
-    let mut result = assemble(tracer, &draft, &sources, &gathered, &patches, &solution.indirect, &sent);
-    fit_sources(&lights, &draft, &sources, &mut result, params, spacing, progress)?;
+    let mut result =
+        assemble(displayed, &draft, &sources, &gathered.terms, &patches, &solution.indirect, &sent);
     if let Some(caustic) = &caustic {
         result = caustic.add_to(tracer, &mut draft, result);
     }
@@ -296,8 +295,9 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
 fn fit_sources(
     lights: &Lights,
     draft: &Draft,
-    sources: &[SourceLight],
-    result: &mut Solution,
+    displayed: &Displayed,
+    hidden: &[bool],
+    sources: &mut [SourceLight],
     params: &SolveParams,
     spacing: f32,
     progress: &dyn Progress,
@@ -306,7 +306,6 @@ fn fit_sources(
         return Ok(());
     }
     let tracer = lights.tracer();
-    let displayed = draft.display(tracer);
     let mesh = &displayed.mesh;
     progress.begin("fit", mesh.elements.len() as u64);
     // Small elements of finely tessellated surfaces share: as many points as their area is worth, but refined ones, which
@@ -337,7 +336,7 @@ fn fit_sources(
             if progress.is_cancelled() {
                 return (Rgb::ZERO, Rgb::ZERO);
             }
-            let receiver = draft.receiver_inside(tracer, &displayed, sample.element, sample.weights);
+            let receiver = draft.receiver_inside(tracer, displayed, sample.element, sample.weights);
             let key = Key::new(params.seed, Purpose::Emitter, index as u64 | 1 << 40);
             let direct = lights.direct(&receiver, params.fit_rays, key, scratch).irradiance;
             let mirrored = lights.mirrored(&receiver, params.fit_rays, key.child(1), scratch).irradiance;
@@ -347,27 +346,23 @@ fn fit_sources(
     if progress.is_cancelled() {
         return Err(Cancelled);
     }
-    for (term, values) in [
-        (Term::Direct, found.iter().map(|f| f.0).collect::<Vec<Rgb>>()),
-        (Term::Mirrored, found.iter().map(|f| f.1).collect()),
-    ] {
-        let prior: Vec<Rgb> = displayed
-            .origin
-            .iter()
-            .map(|&v| {
-                let source = &sources[v as usize];
-                if term == Term::Direct { source.direct } else { source.mirrored }
-            })
-            .collect();
-        if prior.iter().all(|p| *p == Rgb::ZERO) && values.iter().all(|v| *v == Rgb::ZERO) {
-            continue;
+    let direct: Vec<Rgb> = found.iter().map(|f| f.0).collect();
+    let mirrored: Vec<Rgb> = found.iter().map(|f| f.1).collect();
+    let fit_params = FitParams { smoothing: params.fit.smoothing * spacing, ..params.fit };
+    let trust: Vec<f32> =
+        displayed.origin.iter().map(|&v| if hidden[v as usize] { HIDDEN_TRUST } else { 1.0 }).collect();
+    let mut refit = |values: &[Rgb], term: fn(&mut SourceLight) -> &mut Rgb| {
+        let prior: Vec<Rgb> = displayed.origin.iter().map(|&v| *term(&mut sources[v as usize])).collect();
+        if prior.iter().chain(values).any(|v| *v != Rgb::ZERO) {
+            for (&v, fitted) in
+                displayed.origin.iter().zip(fit(mesh, &samples, values, &prior, &trust, &fit_params))
+            {
+                *term(&mut sources[v as usize]) = fitted;
+            }
         }
-        let fitted = fit(mesh, &samples, &values, &prior, &params.fit);
-        // What the gather added to the term (the dim sky, chains on no list) stays.
-        for ((kept, fitted), prior) in result.irradiance[term.index()].iter_mut().zip(fitted).zip(prior) {
-            *kept += fitted - prior;
-        }
-    }
+    };
+    refit(&direct, |s| &mut s.direct);
+    refit(&mirrored, |s| &mut s.mirrored);
     Ok(())
 }
 
@@ -383,13 +378,9 @@ fn spacing(tracer: &Tracer, count: usize) -> f32 {
     ((2.0 * area / count.max(1) as f64).sqrt() as f32).max(f32::MIN_POSITIVE)
 }
 
+/// What the field found, by vertex.
 fn collect(field: &SourceField, count: usize) -> Vec<SourceLight> {
-    merged(Vec::new(), field, count)
-}
-
-/// Sorts what the field found by vertex.
-fn merged(mut known: Vec<SourceLight>, field: &SourceField, count: usize) -> Vec<SourceLight> {
-    known.resize(count, SourceLight::default());
+    let mut known = vec![SourceLight::default(); count];
     if let Ok(mut found) = field.found.lock() {
         for (vertex, light) in found.drain(..) {
             known[vertex as usize] = light;
@@ -446,40 +437,242 @@ fn spread(draft: &Draft, patches: &PatchMesh, values: &[Rgb]) -> Vec<Rgb> {
     result
 }
 
-/// Corners of base triangles, ascending.
-fn base_corners(draft: &Draft) -> Vec<u32> {
-    let mut corners: Vec<u32> = draft.base.iter().flatten().copied().collect();
-    corners.sort_unstable();
-    corners.dedup();
-    corners
+/// Splits edges along which other surfaces are near: the irradiance from them bends on the scale of their distance.
+fn refine_near(tracer: &Tracer, draft: &mut Draft, params: &SolveParams, spacing: f32) {
+    let mut distances: Vec<f32> = Vec::new();
+    for round in 0..params.near_rounds {
+        let first = distances.len() as u32;
+        let fresh: Vec<f32> = (first..draft.vertices.len() as u32)
+            .into_par_iter()
+            .with_min_len(16)
+            .map(|vertex| surroundings(tracer, draft, vertex, params.seed).distance)
+            .collect();
+        distances.extend(fresh);
+        let shortest = spacing * 0.5_f32.powi(round as i32 + 1);
+        let marks: Vec<(u32, u32)> = draft
+            .edges()
+            .into_iter()
+            .filter(|&(a, b)| {
+                let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
+                let length = (y - x).length();
+                length > shortest && length > params.near * distances[a as usize].min(distances[b as usize])
+            })
+            .collect();
+        if marks.is_empty() {
+            return;
+        }
+        draft.split(tracer, &marks);
+    }
 }
 
-/// Edges along which other surfaces are near: the irradiance from them bends on the scale of their distance.
-fn near_edges(
+/// What a vertex sees first.
+fn surroundings(tracer: &Tracer, draft: &Draft, vertex: u32, seed: u32) -> Surroundings {
+    let key = Key::new(seed, Purpose::Hemisphere, u64::from(vertex) | 1 << 41);
+    look_around(tracer, &draft.receiver(tracer, vertex), 32, key)
+}
+
+/// Which draft vertices nobody can see: all of their base, then those between two hidden ones.
+fn hidden_vertices(tracer: &Tracer, draft: &Draft, seed: u32) -> Vec<bool> {
+    let own: Vec<bool> = (0..draft.vertices.len() as u32)
+        .into_par_iter()
+        .with_min_len(16)
+        .map(|v| draft.vertices[v as usize].parents.is_none() && surroundings(tracer, draft, v, seed).hidden)
+        .collect();
+    let mut hidden: Vec<bool> = Vec::with_capacity(own.len());
+    for (vertex, own) in draft.vertices.iter().zip(own) {
+        hidden.push(match vertex.parents {
+            None => own,
+            Some([a, b]) => hidden[a as usize] && hidden[b as usize],
+        });
+    }
+    hidden
+}
+
+/// Share of the prior that hidden vertices keep, so that the fit stays regular where everything is hidden.
+const HIDDEN_TRUST: f32 = 1e-3;
+/// Rays of a gather at a vertex, at least.
+const MIN_VERTEX_RAYS: u32 = 16;
+
+/// Rays of each vertex, and how much the fit trusts them. Where the author's tessellation is finer than the base mesh,
+/// vertices share their neighbours' rays: they get them in proportion to the area around, and count by the rays per area
+/// that they have seen, compared with the samples inside. Vertices of refined triangles stand near other surfaces, where
+/// light bends: they only hold the fit.
+fn vertex_budgets(
     draft: &Draft,
-    gathered: &[Option<Gathered>],
-    reach: f32,
-    spacing: f32,
-    round: u32,
-) -> Vec<(u32, u32)> {
-    let shortest = spacing * 0.6_f32.powi(round as i32 + 1) * 0.5;
-    let base: Vec<(u32, u32)> = draft.edges();
-    base.into_iter()
-        .filter(|&(a, b)| {
-            let (Some(p), Some(q)) = (&gathered[a as usize], &gathered[b as usize]) else { return false };
-            let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
-            let length = (y - x).length();
-            length > shortest && length > reach * p.distance.min(q.distance)
+    displayed: &Displayed,
+    hidden: &[bool],
+    params: &SolveParams,
+    whole: f32,
+) -> (Vec<u32>, Vec<f32>) {
+    let mesh = &displayed.mesh;
+    let mut area = vec![0.0_f32; mesh.vertices.len()];
+    let mut refined = vec![false; mesh.vertices.len()];
+    for element in 0..mesh.elements.len() {
+        let third = mesh.area(element as u32) / 3.0;
+        let level = draft.leaves[displayed.leaves[element] as usize].level;
+        for v in mesh.elements[element].vertices {
+            area[v as usize] += third;
+            refined[v as usize] |= level > 0;
+        }
+    }
+    let inside = params.gather_points * params.gather_rays as f32 / whole;
+    (0..mesh.vertices.len())
+        .map(|v| {
+            let share = if refined[v] { 1.0 } else { (area[v] / (0.25 * whole)).min(1.0) };
+            let least = MIN_VERTEX_RAYS.min(params.vertex_rays);
+            let rays = ((params.vertex_rays as f32 * share) as u32).clamp(least, params.vertex_rays);
+            let density = rays as f32 / area[v].max(f32::MIN_POSITIVE);
+            let trust = if hidden[displayed.origin[v] as usize] {
+                HIDDEN_TRUST
+            } else if refined[v] {
+                1.0
+            } else {
+                (density / inside).clamp(1.0, 40.0)
+            };
+            (rays, trust)
         })
-        .collect()
+        .unzip()
+}
+
+/// Gathered light at the vertices of the mesh of the gathers.
+struct GatheredLight {
+    /// Direct, mirrored, caustic and indirect per draft vertex; `None` where no element touches it.
+    terms: Vec<Option<[Rgb; 4]>>,
+    rays: u64,
+}
+
+/// What gathers look at: the refined mesh with the light of sources on it.
+struct Sight<'a> {
+    displayed: &'a Displayed,
+    draft: &'a Draft,
+    sources: &'a [Rgb],
+}
+
+impl Sight<'_> {
+    /// Irradiance per vertex of the display mesh when `more` (per draft vertex) comes to what sources send.
+    fn with(&self, more: &[Rgb]) -> Vec<Rgb> {
+        self.displayed.origin.iter().map(|&v| self.sources[v as usize] + more[v as usize]).collect()
+    }
+
+    /// Values known at some vertices, at all: children are the mean of their parents.
+    fn spread(&self, known: &[Option<Rgb>]) -> Vec<Rgb> {
+        let mut all: Vec<Rgb> = Vec::with_capacity(self.draft.vertices.len());
+        for (index, vertex) in self.draft.vertices.iter().enumerate() {
+            let own = known.get(index).copied().flatten();
+            all.push(own.unwrap_or_else(|| {
+                vertex.parents.map_or(Rgb::ZERO, |[a, b]| (all[a as usize] + all[b as usize]) * 0.5)
+            }));
+        }
+        all
+    }
+}
+
+/// Gathers at the vertices and inside the elements of `draft`, and fits.
+///
+/// Two bounces of refinement for one: the vertices, with few rays, see the coarse solution; the points inside, with many,
+/// see what the vertices found (Lischinski, Tampieri & Greenberg 1993 gather once, from the coarse solution).
+fn gather_all(
+    lights: &Lights,
+    sight: &Sight,
+    coarse: &[Rgb],
+    draft: &Draft,
+    hidden: &[bool],
+    params: &SolveParams,
+    spacing: f32,
+    progress: &dyn Progress,
+) -> Result<GatheredLight, Cancelled> {
+    let tracer = lights.tracer();
+    let displayed = draft.display(tracer);
+    let mesh = &displayed.mesh;
+    let whole = 0.5 * spacing * spacing;
+    let samples: Vec<FitSample> = (0..mesh.elements.len() as u32)
+        .flat_map(|element| {
+            let area = mesh.area(element);
+            let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(element) | 1 << 42);
+            // Refined elements are small because surfaces are near: they get one at least every other time.
+            let refined = draft.leaves[displayed.leaves[element as usize] as usize].level > 0;
+            let floor = if refined { 0.5 } else { 0.0 };
+            let corners = mesh.elements[element as usize].vertices;
+            let covered = corners.iter().all(|&v| hidden[displayed.origin[v as usize] as usize]);
+            let expected =
+                if covered { 0.0 } else { (params.gather_points * (area / whole).min(1.0)).max(floor) };
+            let count = (expected + key.uniform(0)).floor() as u32;
+            (0..count).map(move |index| {
+                let (u, v) = triangle_point(key.point2(index));
+                FitSample { element, weights: [1.0 - u - v, u, v], area: area / expected.max(count as f32) }
+            })
+        })
+        .collect();
+    progress.begin("gather", (samples.len() + mesh.vertices.len()) as u64);
+    let seen = sight.with(coarse);
+    let light = DiffuseLight { mesh: &sight.displayed.mesh, irradiance: &seen };
+    let work = |light: &DiffuseLight, receiver: &Receiver, rays: u32, entity: u64| {
+        if progress.is_cancelled() {
+            return Gathered::default();
+        }
+        let key = Key::new(params.seed, Purpose::Hemisphere, entity);
+        let result = gather(lights, light, receiver, rays, key, &params.walk);
+        progress.advance(1);
+        result
+    };
+    let (vertex_rays, trust) = vertex_budgets(draft, &displayed, hidden, params, whole);
+    let at_vertices: Vec<Gathered> = displayed
+        .origin
+        .par_iter()
+        .zip(&vertex_rays)
+        .with_min_len(8)
+        .map(|(&v, &rays)| work(&light, &draft.receiver(tracer, v), rays, u64::from(v)))
+        .collect();
+    let mut known: Vec<Option<Rgb>> = vec![None; draft.vertices.len()];
+    for (&v, g) in displayed.origin.iter().zip(&at_vertices).filter(|(v, _)| !hidden[**v as usize]) {
+        known[v as usize] = Some(g.direct + g.mirrored + g.caustic + g.indirect);
+    }
+    let seen = sight.with(&sight.spread(&known));
+    let light = DiffuseLight { mesh: &sight.displayed.mesh, irradiance: &seen };
+    let inside: Vec<Gathered> = samples
+        .par_iter()
+        .enumerate()
+        .with_min_len(4)
+        .map(|(index, s)| {
+            let receiver = draft.receiver_inside(tracer, &displayed, s.element, s.weights);
+            work(&light, &receiver, params.gather_rays, index as u64 | 1 << 43)
+        })
+        .collect();
+    if progress.is_cancelled() {
+        return Err(Cancelled);
+    }
+
+    let fit_params = FitParams { smoothing: params.gather_fit.smoothing * spacing, ..params.gather_fit };
+    let mut terms: Vec<Option<[Rgb; 4]>> = vec![None; draft.vertices.len()];
+    for &v in &displayed.origin {
+        terms[v as usize] = Some([Rgb::ZERO; 4]);
+    }
+    for term in 0..4 {
+        let value = |g: &Gathered| [g.direct, g.mirrored, g.caustic, g.indirect][term];
+        let prior: Vec<Rgb> = at_vertices.iter().map(value).collect();
+        let values: Vec<Rgb> = inside.iter().map(value).collect();
+        if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
+            continue;
+        }
+        for (&v, fitted) in
+            displayed.origin.iter().zip(fit(mesh, &samples, &values, &prior, &trust, &fit_params))
+        {
+            if let Some(terms) = &mut terms[v as usize] {
+                terms[term] = fitted;
+            }
+        }
+    }
+    let rays = vertex_rays.iter().map(|&r| u64::from(r)).sum::<u64>()
+        + inside.len() as u64 * u64::from(params.gather_rays);
+    Ok(GatheredLight { terms, rays })
 }
 
 /// Fills every vertex of the display mesh with every term.
 fn assemble(
-    tracer: &Tracer,
+    displayed: Displayed,
     draft: &Draft,
     sources: &[SourceLight],
-    gathered: &[Option<Gathered>],
+    gathered: &[Option<[Rgb; 4]>],
     patches: &PatchMesh,
     indirect: &[Rgb],
     sent: &[Rgb],
@@ -487,14 +680,13 @@ fn assemble(
     // Vertices without a gather of their own are the mean of the edge that they halve.
     let mut terms: Vec<[Rgb; 4]> = Vec::with_capacity(draft.vertices.len());
     for (index, vertex) in draft.vertices.iter().enumerate() {
-        let own = gathered[index].map(|g| [g.direct, g.mirrored, g.caustic, g.indirect]);
+        let own = gathered.get(index).copied().flatten();
         let value = own.unwrap_or_else(|| match vertex.parents {
             Some([a, b]) => std::array::from_fn(|t| (terms[a as usize][t] + terms[b as usize][t]) * 0.5),
             None => [Rgb::ZERO; 4],
         });
         terms.push(value);
     }
-    let displayed = draft.display(tracer);
     let mut solution = Solution { mesh: displayed.mesh, ..Solution::default() };
     for &v in &displayed.origin {
         let source = &sources[v as usize];

@@ -152,7 +152,7 @@ impl Corners {
 }
 
 /// Edges that only one triangle of the face has.
-fn outline(triangles: &[[DVec2; 3]], tolerance: f64) -> Vec<Segment> {
+pub(crate) fn outline(triangles: &[[DVec2; 3]], tolerance: f64) -> Vec<Segment> {
     let mut points = Points::new(tolerance);
     let mut count: std::collections::BTreeMap<(u32, u32), u32> = std::collections::BTreeMap::new();
     for triangle in triangles {

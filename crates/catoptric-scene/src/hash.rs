@@ -14,7 +14,7 @@ use crate::texture::{Texture, TextureRef, Wrap};
 
 /// XXH3-128 of all data of a scene that light transport reads: geometry, materials, textures, lights, sky.
 /// Cameras and names do not matter: one solution serves all views.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SceneHash(pub u128);
 
 impl fmt::Display for SceneHash {

@@ -2,6 +2,8 @@
 //!
 //! Does not know rays or solvers: pass one fills a [`Solution`], pass two reads it, and a file keeps it.
 
+mod baked;
+pub mod file;
 pub mod locator;
 pub mod mesh;
 pub mod quality;

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use catoptric_scene::{Irradiance, Rgb};
+use catoptric_scene::{Irradiance, Rgb, SceneHash};
 
 use crate::mesh::{DisplayMesh, Located};
 
-/// Who owns a light path between a source and a diffuse receiver (DESIGN §3).
+/// Who owns a light path between a source and a diffuse receiver (ARCHITECTURE.md).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Term {
     /// Sources seen straight, or through panes and blended surfaces.
@@ -65,7 +65,7 @@ pub struct Solution {
     /// Patch radiosity.
     pub patches: PatchRadiosity,
     /// Hash of the scene it belongs to.
-    pub scene_hash: u64,
+    pub scene_hash: SceneHash,
     /// Settings and version, as text.
     pub settings: BTreeMap<String, String>,
 }

@@ -1,6 +1,6 @@
 //! What a surface does to light, once, for every pass: directions, Fresnel, power throughput, event.
 //!
-//! Conventions (DESIGN §1): an opaque single-sided surface is black from behind; panes and blended surfaces act from
+//! Conventions (docs/conventions.md): an opaque single-sided surface is black from behind; panes and blended surfaces act from
 //! both sides; a solid's border acts by its geometric normal; a coat transmits T(θ) = 1 − s·F(θ) on the way in and on
 //! the way out, so its diffuse side receives H_T = ∫ L·T·cosθ dω and sends T(θ)·B/π (Mitsuba's `plastic`, nonlinear:
 //! f_d = ρ·T(θi)·T(θo)/(π·N)).

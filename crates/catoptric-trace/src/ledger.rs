@@ -1,4 +1,4 @@
-//! Where the power of walks went: each entry is summed from its own events, none is a remainder (DESIGN §1).
+//! Where the power of walks went: each entry is summed from its own events, none is a remainder (docs/conventions.md).
 
 use glam::DVec3;
 

@@ -30,7 +30,7 @@ pub struct WalkParams {
 }
 
 impl Default for WalkParams {
-    /// 1000 events: a duct of perfect mirrors loses 1e-4 at 120 (DESIGN §1), nothing visible at 1000.
+    /// 1000 events: a duct of perfect mirrors loses 1e-4 at 120, nothing visible at 1000.
     fn default() -> Self {
         Self { max_depth: 1000, roulette_below: 0.1, extended: true, from_light: false }
     }
@@ -263,7 +263,7 @@ pub mod split {
 
     impl Default for SplitParams {
         fn default() -> Self {
-            Self { max_depth: 1000, roulette_below: 0.01 }
+            Self { max_depth: 1000, roulette_below: 5e-4 }
         }
     }
 

@@ -1,27 +1,66 @@
 //! The command line of Catoptric.
 
+mod args;
 mod diff;
+mod estimate;
+mod failure;
+mod info;
+mod input;
+mod interrupt;
+mod memory;
+mod output;
+mod pass_one;
+mod progress;
+mod render;
+mod report;
+mod solve;
+mod summary;
+mod value;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser};
 
-/// The complete two-pass renderer.
-#[derive(Parser)]
-#[command(name = "catoptric", version)]
-struct Cli {
-    #[command(subcommand)]
-    command: Command,
-}
-
-#[derive(Subcommand)]
-enum Command {
-    /// Compare images with references.
-    Diff(diff::DiffArgs),
-}
+use args::{Cli, Command, RunArgs};
+use failure::Failure;
 
 fn main() -> ExitCode {
-    match Cli::parse().command {
-        Command::Diff(args) => diff::run(&args),
+    let cli = Cli::parse();
+    interrupt::install();
+    match run(&cli.command) {
+        Ok(code) => code,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::from(failure.exit_code())
+        }
     }
+}
+
+fn run(command: &Command) -> Result<ExitCode, Failure> {
+    match command {
+        Command::Render(args) => {
+            start_threads(&args.run)?;
+            render::run(args)?;
+        }
+        Command::Solve(args) => {
+            start_threads(&args.run)?;
+            solve::run(args)?;
+        }
+        Command::Info(args) => info::run(args)?,
+        Command::Diff(args) => return Ok(diff::run(args)),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(*shell, &mut Cli::command(), "catoptric", &mut script);
+            report::print(&String::from_utf8_lossy(&script))?;
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// As many threads as were asked for, else one per processor.
+fn start_threads(args: &RunArgs) -> Result<(), Failure> {
+    let threads = args.threads.map_or(0, usize::from);
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().map_err(|error| {
+        Failure::run(format_args!("cannot start the threads: {error}"), "try fewer: --threads 1")
+    })
 }

@@ -53,7 +53,15 @@ pub enum AppendError {
 }
 
 /// The tables in which a solution adds elements that a scene can show.
-const ADDED_TO: [Table; 4] = [Table::MATERIALS, Table::MESHES, Table::NODES, Table::SCENES];
+const ADDED_TO: [Table; 7] = [
+    Table::ACCESSORS,
+    Table::BUFFER_VIEWS,
+    Table::CAMERAS,
+    Table::MATERIALS,
+    Table::MESHES,
+    Table::NODES,
+    Table::SCENES,
+];
 
 /// One primitive of a display mesh: accessors by their index.
 #[derive(Clone, Debug)]
@@ -144,14 +152,19 @@ impl Asset {
         self.push("meshes", json!({ "name": name, "primitives": primitives }))
     }
 
-    /// Adds a material as it is; returns its index.
+    /// Adds a material as it is and declares its extensions; returns its index.
     pub fn append_material(&mut self, material: Value) -> usize {
         self.mark_source();
+        let extensions = material.get("extensions").and_then(Value::as_object);
+        for name in extensions.into_iter().flat_map(Map::keys) {
+            self.use_extension(name);
+        }
         self.push("materials", material)
     }
 
     /// Adds a copy of material `original` (None: of glTF's default one) that any viewer shows as baked: unlit,
-    /// with the same base colour, so that it multiplies the light in `COLOR_0`. The original goes to `extras`.
+    /// with the same base colour, so that it multiplies the light in `COLOR_0`. The original goes to `extras`. It is
+    /// single-sided: the sides of a sheet are two display faces at one place.
     pub fn append_baked_material(&mut self, original: Option<usize>) -> Result<usize, AppendError> {
         self.mark_source();
         let source = match original {
@@ -164,7 +177,7 @@ impl Asset {
                 .clone(),
         };
         let mut baked = Map::new();
-        for key in ["name", "doubleSided", "alphaMode", "alphaCutoff"] {
+        for key in ["name", "alphaMode", "alphaCutoff"] {
             if let Some(value) = source.get(key) {
                 baked.insert(key.to_owned(), value.clone());
             }
@@ -228,7 +241,7 @@ impl Asset {
         Some((0..accessor.count).map(|index| accessor.get_u32::<1>(index)[0]).collect())
     }
 
-    /// Takes out what was added: the file shows its source again. The bytes stay until the file is packed anew.
+    /// Takes out what was added: the file shows its source again.
     pub fn remove_solution(&mut self) {
         let Some(source) = self.extras().and_then(|extras| extras.get("source")).cloned() else { return };
         for table in ADDED_TO {
@@ -239,6 +252,19 @@ impl Asset {
                     self.json.remove(table.key());
                 }
             }
+        }
+        self.truncate_lights(source.get("lights").and_then(as_index).unwrap_or(0));
+        // The bytes that were added lie behind those of the source.
+        let report = Report::new(std::path::Path::new(""));
+        let views = 0..self.table_len(Table::BUFFER_VIEWS);
+        let end = views.filter_map(|index| {
+            let view = self.root().element(Table::BUFFER_VIEWS, index, &report)?;
+            Some(view.index("byteOffset", &report).unwrap_or(0) + view.index("byteLength", &report)?)
+        });
+        let end = end.max().unwrap_or(0);
+        self.blob.truncate(end);
+        if self.blob.is_empty() {
+            self.json.shift_remove("buffers");
         }
         match source.get("shown").filter(|shown| !shown.is_null()) {
             Some(shown) => self.json.insert("scene".to_owned(), shown.clone()),
@@ -284,6 +310,7 @@ impl Asset {
 
     /// Adds bytes behind the blob; returns the index of their view.
     fn append_bytes(&mut self, bytes: impl Iterator<Item = u8>, length: usize) -> Result<usize, AppendError> {
+        self.mark_source();
         // Views have at least one byte, start at and are followed by multiples of four.
         let start = self.blob.len().next_multiple_of(4);
         let end = (start as u64 + length.max(1) as u64).next_multiple_of(4);
@@ -300,7 +327,7 @@ impl Asset {
         Ok(self.push("bufferViews", json!({ "buffer": 0, "byteOffset": start, "byteLength": length.max(1) })))
     }
 
-    fn use_extension(&mut self, name: &str) {
+    pub(super) fn use_extension(&mut self, name: &str) {
         let used = self.json.get("extensionsUsed").and_then(Value::as_array);
         if !used.is_some_and(|used| used.iter().any(|other| other == name)) {
             self.push("extensionsUsed", json!(name));
@@ -308,7 +335,7 @@ impl Asset {
     }
 
     /// Remembers what belongs to the source, before anything is added that a scene could show.
-    fn mark_source(&mut self) {
+    pub(super) fn mark_source(&mut self) {
         if self.source().is_some() {
             return;
         }
@@ -324,7 +351,10 @@ impl Asset {
             }
         };
         let materials = self.table_len(Table::MATERIALS);
-        let source = json!({ "scene": scene, "materials": materials, "shown": shown, "tables": tables });
+        let source = json!({
+            "scene": scene, "materials": materials, "shown": shown, "tables": tables,
+            "lights": self.lights_len(),
+        });
         self.extras_mut().insert("source".to_owned(), source);
     }
 

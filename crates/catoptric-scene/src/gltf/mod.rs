@@ -27,6 +27,7 @@ mod material;
 mod mesh;
 mod node;
 mod options;
+mod place;
 mod report;
 mod solid;
 mod spec_gloss;

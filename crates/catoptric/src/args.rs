@@ -1,0 +1,232 @@
+//! The command line: what can be asked for, with the help that a person reads.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use crate::diff::DiffArgs;
+use crate::value::{CameraChoice, Frames, Size, SkySource};
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0    done
+  1    the input, the rendering or an output failed; the message says which and why
+  2    the command line was not understood
+  130  interrupted (Ctrl-C); outputs are whole or absent, never torn
+`catoptric diff` has its own: 0 same, 1 different, 2 error.";
+
+const RENDER_EXAMPLES: &str = "\
+Examples:
+  catoptric render room.glb -o room.exr --preview room.png
+  catoptric render room.glb -o draft.png --size 320 --quality draft
+  catoptric render room.glb -o view.exr --camera all --layers
+  catoptric render walk.glb -o walk.exr --frames 0..240 --fps 24
+  catoptric render statue.glb -o statue.exr --sky studio.hdr
+  catoptric render room.glb -o plain.exr --plain
+
+  catoptric solve room.glb -o solved.glb            pass one, once ...
+  catoptric render solved.glb -o left.exr --camera Left
+  catoptric render solved.glb -o right.exr --camera Right";
+
+const SOLVE_EXAMPLES: &str = "\
+Examples:
+  catoptric solve room.glb -o solved.glb
+  catoptric solve room.glb -o solved.glb --quality high --json=report.json
+  catoptric render solved.glb -o view.exr           needs no other file
+
+The result is a self-contained glTF: any viewer shows the baked room.";
+
+const INFO_EXAMPLES: &str = "\
+Examples:
+  catoptric info room.glb
+  catoptric info room.glb --json";
+
+const COMPLETIONS_EXAMPLES: &str = "\
+Examples:
+  catoptric completions bash > ~/.local/share/bash-completion/completions/catoptric
+  catoptric completions zsh > ~/.zfunc/_catoptric
+  catoptric completions fish > ~/.config/fish/completions/catoptric.fish";
+
+/// Renders scenes of diffuse surfaces, mirrors and glass by the complete two-pass method.
+#[derive(Debug, Parser)]
+#[command(name = "catoptric", version, about, after_help = EXIT_CODES, max_term_width = 110)]
+#[command(propagate_version = true, subcommand_required = true, arg_required_else_help = true)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Renders a scene: both passes, or pass two alone of a solved one.
+    #[command(after_help = RENDER_EXAMPLES)]
+    Render(Box<RenderArgs>),
+    /// Computes the light of a scene, for any number of views.
+    #[command(after_help = SOLVE_EXAMPLES)]
+    Solve(SolveArgs),
+    /// Says what is in a file, how it is read and what it will cost.
+    #[command(after_help = INFO_EXAMPLES)]
+    Info(InfoArgs),
+    /// Compares a rendered image, or a folder of them, with a reference.
+    Diff(Box<DiffArgs>),
+    /// Writes a completion script for a shell.
+    #[command(after_help = COMPLETIONS_EXAMPLES)]
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct RenderArgs {
+    /// A glTF 2.0 scene (.glb or .gltf), or a solution written by `solve`.
+    #[arg(value_name = "SCENE")]
+    pub(crate) scene: PathBuf,
+
+    /// The image: .exr or .pfm for linear light, .png for a display. Several cameras or frames get their
+    /// name before the extension: out.Left.0001.exr.
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: Option<PathBuf>,
+
+    /// Also writes a PNG for a display.
+    #[arg(long, value_name = "FILE.png")]
+    pub(crate) preview: Option<PathBuf>,
+
+    /// The camera's name, or `all`. Without it: the first of the file.
+    #[arg(long, value_name = "NAME|all", default_value = "", hide_default_value = true)]
+    pub(crate) camera: CameraChoice,
+
+    /// Frames of an animated camera, first and last included. Frame n shows the time n / fps.
+    #[arg(long, value_name = "FIRST..LAST")]
+    pub(crate) frames: Option<Frames>,
+
+    /// Frames per second.
+    #[arg(long, value_name = "N", default_value_t = 24.0, value_parser = positive)]
+    pub(crate) fps: f64,
+
+    /// Image size in pixels. A width alone keeps the camera's aspect.
+    #[arg(long, value_name = "W|WxH", default_value = "1280")]
+    pub(crate) size: Size,
+
+    /// Writes the light layers (they sum to the beauty), albedo, normal, depth and ids into the EXR.
+    #[arg(long)]
+    pub(crate) layers: bool,
+
+    /// Exposure of PNGs in stops. Without it: chosen by the first image.
+    #[arg(long, value_name = "EV", allow_negative_numbers = true)]
+    pub(crate) exposure: Option<f32>,
+
+    /// Uses the light of a solution of this scene, written by `solve`.
+    #[arg(long, value_name = "FILE.glb")]
+    pub(crate) solution: Option<PathBuf>,
+
+    #[command(flatten)]
+    pub(crate) transport: TransportArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SolveArgs {
+    /// A glTF 2.0 scene (.glb or .gltf).
+    #[arg(value_name = "SCENE")]
+    pub(crate) scene: PathBuf,
+
+    /// The solution, a self-contained .glb.
+    #[arg(short, long, value_name = "FILE.glb")]
+    pub(crate) output: Option<PathBuf>,
+
+    #[command(flatten)]
+    pub(crate) transport: TransportArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct InfoArgs {
+    /// A glTF 2.0 scene (.glb or .gltf), or a solution written by `solve`.
+    #[arg(value_name = "SCENE")]
+    pub(crate) scene: PathBuf,
+
+    /// Writes the same as JSON to standard output.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// How light is computed: the same words for both passes.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Light")]
+pub(crate) struct TransportArgs {
+    /// How much work to spend.
+    #[arg(long, value_enum, default_value_t = QualityWord::Standard)]
+    pub(crate) quality: QualityWord,
+
+    /// Reflections and refractions in a row after which a path is given up (and booked).
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub(crate) max_depth: u32,
+
+    /// Plain radiosity: mirrors and glass are seen but light nothing. For teaching.
+    #[arg(long)]
+    pub(crate) plain: bool,
+
+    /// Light from the sky: a radiance, or an equirectangular image (.exr, .hdr).
+    #[arg(long, value_name = "R,G,B|FILE")]
+    pub(crate) sky: Option<SkySource>,
+
+    /// Seed of all sampling sequences. The same seed gives the same bits.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) seed: u32,
+}
+
+/// How the program behaves.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Program")]
+pub(crate) struct RunArgs {
+    /// Threads; the result does not depend on it. Without it: all processors.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+
+    /// Says nothing but errors.
+    #[arg(short, long)]
+    pub(crate) quiet: bool,
+
+    /// Writes a report as JSON (times, rays, patches, memory, ledger, warnings) to FILE, or to standard output.
+    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    pub(crate) json: Option<Option<PathBuf>>,
+}
+
+/// One word for all budgets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum QualityWord {
+    /// A first look.
+    Draft,
+    /// What one shows.
+    Standard,
+    /// Indistinguishable from converged at the size of a screen.
+    High,
+}
+
+impl QualityWord {
+    pub(crate) fn quality(self) -> catoptric_solution::Quality {
+        match self {
+            Self::Draft => catoptric_solution::Quality::Draft,
+            Self::Standard => catoptric_solution::Quality::Standard,
+            Self::High => catoptric_solution::Quality::High,
+        }
+    }
+
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Draft => "draft",
+            Self::Standard => "standard",
+            Self::High => "high",
+        }
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
+        _ => Err("expected a number above 0".to_owned()),
+    }
+}

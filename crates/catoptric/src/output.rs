@@ -1,0 +1,208 @@
+//! Where results go: names for cameras and frames, and whether a file can be written before hours are spent on it.
+
+use std::path::{Path, PathBuf};
+
+use catoptric_image::tone::{Curve, ToneMap, auto_exposure, to_srgb8};
+use catoptric_image::{Image, write_png8};
+
+use crate::failure::Failure;
+
+/// What an image file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Exr,
+    Pfm,
+    Png,
+}
+
+/// Where the images of a run go.
+#[derive(Clone, Debug)]
+pub(crate) struct Outputs {
+    image: PathBuf,
+    format: Format,
+    preview: Option<PathBuf>,
+    /// Exposure of PNGs in stops; the first image decides where nobody did.
+    exposure: Option<f32>,
+}
+
+impl Outputs {
+    /// Checks the names; `layers` need an EXR.
+    pub(crate) fn new(
+        image: Option<&Path>,
+        preview: Option<&Path>,
+        layers: bool,
+        exposure: Option<f32>,
+    ) -> Result<Self, Failure> {
+        let Some(image) = image else {
+            return Err(Failure::usage("no output was named", "add -o FILE.exr"));
+        };
+        let format = match extension(image).as_str() {
+            "exr" => Format::Exr,
+            "pfm" => Format::Pfm,
+            "png" => Format::Png,
+            _ => {
+                return Err(Failure::usage(
+                    format_args!("{}: unknown kind of image", image.display()),
+                    "images are written as .exr, .pfm or .png: name the output like out.exr",
+                ));
+            }
+        };
+        if layers && format != Format::Exr {
+            return Err(Failure::usage(
+                format_args!("{}: --layers needs an OpenEXR file", image.display()),
+                "name the output like out.exr",
+            ));
+        }
+        if let Some(preview) = preview.filter(|preview| extension(preview) != "png") {
+            return Err(Failure::usage(
+                format_args!("{}: previews are written as .png", preview.display()),
+                "name the preview like out.png",
+            ));
+        }
+        if let Some(exposure) = exposure.filter(|ev| !ev.is_finite()) {
+            return Err(Failure::usage(
+                format_args!("an exposure of {exposure} stops"),
+                "expected a number like -1.5",
+            ));
+        }
+        Ok(Self { image: image.to_owned(), format, preview: preview.map(Path::to_owned), exposure })
+    }
+
+    /// Every path that is written for these cameras and frames.
+    pub(crate) fn paths(&self, tag: &Tag) -> Vec<PathBuf> {
+        std::iter::once(&self.image).chain(&self.preview).map(|path| tag.apply(path)).collect()
+    }
+
+    /// Writes an image; returns the files.
+    pub(crate) fn write(&mut self, image: &Image, tag: &Tag) -> Result<Vec<PathBuf>, Failure> {
+        let path = tag.apply(&self.image);
+        match self.format {
+            Format::Exr => image.write_exr(&path)?,
+            Format::Pfm => image.write_pfm(&path)?,
+            Format::Png => self.write_display(image, &path)?,
+        }
+        if let Some(preview) = &self.preview {
+            self.write_display(image, &tag.apply(&preview.clone()))?;
+        }
+        Ok(self.paths(tag))
+    }
+
+    fn write_display(&mut self, image: &Image, path: &Path) -> Result<(), Failure> {
+        let pixels = image.rgb("").unwrap_or_default();
+        let exposure_ev = *self.exposure.get_or_insert_with(|| auto_exposure(&pixels));
+        let bytes = to_srgb8(&pixels, &ToneMap { exposure_ev, curve: Curve::Clip });
+        Ok(write_png8(path, image.width, image.height, &bytes)?)
+    }
+}
+
+/// What distinguishes one image of a run from the others.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Tag {
+    /// The camera, if there are several.
+    pub(crate) camera: Option<String>,
+    /// The frame, if there are frames.
+    pub(crate) frame: Option<u32>,
+}
+
+impl Tag {
+    /// `out.exr` → `out.Left.0012.exr`.
+    pub(crate) fn apply(&self, path: &Path) -> PathBuf {
+        let mut name = path.file_stem().unwrap_or_default().to_os_string();
+        if let Some(camera) = &self.camera {
+            name.push(".");
+            name.push(in_file_name(camera));
+        }
+        if let Some(frame) = self.frame {
+            name.push(format!(".{frame:04}"));
+        }
+        if let Some(extension) = path.extension() {
+            name.push(".");
+            name.push(extension);
+        }
+        path.with_file_name(name)
+    }
+}
+
+/// A camera's name without what file systems cannot hold.
+pub(crate) fn in_file_name(name: &str) -> String {
+    let legal = |c: char| if c.is_control() || "/\\:*?\"<>|".contains(c) { '_' } else { c };
+    name.chars().map(legal).collect()
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
+}
+
+/// Says now, not after the work, that `path` cannot be written or would overwrite an input.
+pub(crate) fn check(path: &Path, inputs: &[&Path]) -> Result<(), Failure> {
+    let shown = path.display();
+    if path.is_dir() {
+        return Err(Failure::run(format_args!("{shown}: is a folder"), "name a file in it, like out.exr"));
+    }
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    if !folder.is_dir() {
+        return Err(Failure::run(
+            format_args!("{shown}: the folder {} does not exist", folder.display()),
+            format_args!("make it first: mkdir -p {}", folder.display()),
+        ));
+    }
+    if let Err(error) = tempfile::Builder::new().prefix(".catoptric-").suffix(".tmp").tempfile_in(folder) {
+        return Err(Failure::run(
+            format_args!("{shown}: cannot be written: {error}"),
+            format_args!(
+                "the folder {} must be writable: results are written beside and renamed",
+                folder.display()
+            ),
+        ));
+    }
+    let same =
+        |input: &&Path| matches!((path.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    if inputs.iter().any(same) {
+        return Err(Failure::usage(
+            format_args!("{shown}: is an input of this command and would be overwritten"),
+            "name another output",
+        ));
+    }
+    Ok(())
+}
+
+/// Checks that no two outputs are the same file.
+pub(crate) fn check_distinct(paths: &[PathBuf]) -> Result<(), Failure> {
+    let mut sorted: Vec<&PathBuf> = paths.iter().collect();
+    sorted.sort();
+    match sorted.windows(2).find(|pair| pair[0] == pair[1]) {
+        None => Ok(()),
+        Some(pair) => Err(Failure::usage(
+            format_args!("{}: is named for two outputs", pair[0].display()),
+            "give each output its own name",
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_and_frames_stand_before_the_extension() {
+        let tag = |camera: Option<&str>, frame| Tag { camera: camera.map(str::to_owned), frame };
+        let name = |t: &Tag| t.apply(Path::new("dir/out.v2.exr")).display().to_string();
+        assert_eq!(name(&tag(None, None)), "dir/out.v2.exr");
+        assert_eq!(name(&tag(Some("Left"), None)), "dir/out.v2.Left.exr");
+        assert_eq!(name(&tag(Some("a/b"), Some(7))), "dir/out.v2.a_b.0007.exr");
+        assert_eq!(name(&tag(None, Some(12345))), "dir/out.v2.12345.exr");
+    }
+
+    #[test]
+    fn an_output_has_a_known_extension_and_a_folder() {
+        let new = |image: &str, layers| Outputs::new(Some(Path::new(image)), None, layers, None);
+        assert!(new("a.exr", true).is_ok());
+        assert!(matches!(new("a.jpeg", false), Err(Failure::Usage(_))));
+        assert!(matches!(new("a.png", true), Err(Failure::Usage(_))));
+        assert!(matches!(check(Path::new("no/such/folder/a.exr"), &[]), Err(Failure::Run(_))));
+        assert!(check_distinct(&["a.png".into(), "b.png".into(), "a.png".into()]).is_err());
+    }
+}

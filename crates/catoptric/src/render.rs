@@ -1,0 +1,204 @@
+//! `catoptric render`: one solution, any number of cameras and frames.
+
+use std::path::{Path, PathBuf};
+
+use catoptric_image::Image;
+use catoptric_render::{RenderParams, Rendered, render};
+use catoptric_scene::{Camera, Progress};
+use catoptric_solution::Solution;
+use catoptric_trace::Tracer;
+
+use crate::args::RenderArgs;
+use crate::failure::{Failure, did_you_mean};
+use crate::input::{Input, Light};
+use crate::output::{self, Outputs, Tag, in_file_name};
+use crate::pass_one;
+use crate::progress::Reporter;
+use crate::report::{ImageSummary, Report, SceneSummary, SolveSummary};
+use crate::summary;
+use crate::value::CameraChoice;
+
+/// One image of the run.
+struct View {
+    camera: Camera,
+    tag: Tag,
+    width: usize,
+    height: usize,
+}
+
+pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    let reporter = Reporter::new(args.run.quiet);
+
+    // Say what cannot work before anything is computed.
+    let mut outputs =
+        Outputs::new(args.output.as_deref(), args.preview.as_deref(), args.layers, args.exposure)?;
+    let report_file = args.run.json.clone().flatten();
+    reporter.begin_deaf("load");
+    let light = args.solution.as_deref().map_or(Light::Own, Light::Beside);
+    let mut input = Input::read(&args.scene, args.transport.sky.as_ref(), light)?;
+    let views = views(args, &input)?;
+    check_outputs(args, &outputs, &views, report_file.as_deref())?;
+    if let Some(solution) = &input.solution {
+        check_settings(args, solution)?;
+    }
+    if args.frames.is_some() && input.cameras.duration() == 0.0 {
+        let file = args.scene.display();
+        input.warnings.push(format!("{file}: no camera is animated: all frames show the same"));
+    }
+    summary::warn(&reporter, &input.warnings);
+
+    // Light once.
+    reporter.begin_deaf("tree");
+    let tracer = Tracer::new(&input.scene);
+    let (solution, solve_report) = match input.solution {
+        Some(solution) => (solution, None),
+        None => {
+            let (solution, report) = pass_one::run(&tracer, input.hash, &args.transport, &reporter)?;
+            reporter.end();
+            summary::solved(&reporter, &report);
+            (solution, Some(report))
+        }
+    };
+
+    // Then views.
+    let mut images = Vec::new();
+    let mut written = Vec::new();
+    for (index, view) in views.iter().enumerate() {
+        if views.len() > 1 {
+            reporter.set_context(format!("{} of {}: {}", index + 1, views.len(), view.camera.name));
+        }
+        let Rendered { mut image, report } =
+            render(&tracer, &solution, &view.camera, &params(args, view), &reporter)?;
+        describe(&mut image, &solution, view, args);
+        reporter.begin("write", 0);
+        let files = outputs.write(&image, &view.tag)?;
+        images.push(ImageSummary {
+            file: files[0].clone(),
+            camera: view.camera.name.clone(),
+            frame: view.tag.frame,
+            width: view.width,
+            height: view.height,
+            samples: report.samples,
+            refined_pixels: report.refined_pixels,
+        });
+        written.extend(files);
+    }
+    reporter.end();
+
+    summary::written(&reporter, &written);
+    if args.run.json.is_some() {
+        let scene = SceneSummary::new(&args.scene, &input.scene, input.hash);
+        let mut report = Report::new("render", scene, solution.settings, &reporter);
+        report.warnings = input.warnings;
+        report.solve = solve_report.as_ref().map(SolveSummary::new);
+        report.images = images;
+        report.outputs = written;
+        report.write(report_file.as_deref())?;
+    }
+    Ok(())
+}
+
+/// Cameras times frames.
+fn views(args: &RenderArgs, input: &Input) -> Result<Vec<View>, Failure> {
+    let rest = input.scene.cameras();
+    let chosen: Vec<usize> = match &args.camera {
+        CameraChoice::First => vec![0],
+        CameraChoice::All => (0..rest.len()).collect(),
+        CameraChoice::Named(name) => vec![find_camera(name, rest, &args.scene)?],
+    };
+    let frames: Vec<Option<u32>> = match args.frames {
+        None => vec![None],
+        Some(frames) => (frames.first..=frames.last).map(Some).collect(),
+    };
+    let mut views = Vec::new();
+    for frame in frames {
+        let moved = frame.map(|frame| input.cameras.at((f64::from(frame) / args.fps) as f32));
+        let cameras = moved.as_deref().unwrap_or(rest);
+        for &index in &chosen {
+            let camera = cameras[index].clone();
+            let (width, height) = args.size.pixels(&camera).map_err(Failure::Usage)?;
+            let several = args.camera == CameraChoice::All && chosen.len() > 1;
+            let tag = Tag { camera: several.then(|| camera.name.clone()), frame };
+            views.push(View { camera, tag, width, height });
+        }
+    }
+    Ok(views)
+}
+
+fn find_camera(name: &str, cameras: &[Camera], file: &Path) -> Result<usize, Failure> {
+    if let Some(index) = cameras.iter().position(|camera| camera.name == name) {
+        return Ok(index);
+    }
+    let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
+    let message = format!("{}: has no camera {name:?}", file.display());
+    let listed = names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", ");
+    Err(match did_you_mean(name, names.iter().copied()) {
+        Some(similar) => Failure::run(message, format_args!("did you mean {similar:?}? It has {listed}")),
+        None => Failure::run(message, format_args!("it has {listed}")),
+    })
+}
+
+/// All outputs of all views can be written, and none is written twice or over an input.
+fn check_outputs(
+    args: &RenderArgs,
+    outputs: &Outputs,
+    views: &[View],
+    report: Option<&Path>,
+) -> Result<(), Failure> {
+    let sky_file = match &args.transport.sky {
+        Some(crate::value::SkySource::File(path)) => Some(path.as_path()),
+        _ => None,
+    };
+    let inputs: Vec<&Path> =
+        [Some(args.scene.as_path()), args.solution.as_deref(), sky_file].into_iter().flatten().collect();
+    let mut paths: Vec<PathBuf> = views.iter().flat_map(|view| outputs.paths(&view.tag)).collect();
+    paths.extend(report.map(Path::to_owned));
+    output::check_distinct(&paths)?;
+    // All lie in the folders of the first view's outputs; the others can only hit an input.
+    let first = views.first().map_or(0, |view| outputs.paths(&view.tag).len());
+    for path in paths.iter().take(first).chain(report.map(Path::to_owned).iter()) {
+        output::check(path, &inputs)?;
+    }
+    Ok(())
+}
+
+/// Options of pass one cannot change light that was computed before.
+fn check_settings(args: &RenderArgs, solution: &Solution) -> Result<(), Failure> {
+    let plain = solution.settings.get("plain").is_some_and(|plain| plain == "true");
+    if args.transport.plain && !plain {
+        let file = args.solution.as_ref().unwrap_or(&args.scene);
+        return Err(Failure::usage(
+            format_args!("--plain: the light of {} was solved with mirrors and glass", file.display()),
+            "solve the source scene again with --plain, or leave it out",
+        ));
+    }
+    Ok(())
+}
+
+fn params(args: &RenderArgs, view: &View) -> RenderParams {
+    let mut params = RenderParams::for_quality(args.transport.quality.quality(), view.width, view.height);
+    params.walk.max_depth = args.transport.max_depth;
+    params.seed = args.transport.seed;
+    params.layers = args.layers;
+    params
+}
+
+/// Writes into the image where it came from. The same for the same picture: no times, no file names.
+fn describe(image: &mut Image, solution: &Solution, view: &View, args: &RenderArgs) {
+    let mut attribute = |name: String, value: String| image.attributes.insert(name, value);
+    attribute("software".to_owned(), format!("Catoptric {}", env!("CARGO_PKG_VERSION")));
+    attribute("camera".to_owned(), in_file_name(&view.camera.name));
+    attribute("sceneHash".to_owned(), solution.scene_hash.to_string());
+    for (name, value) in &solution.settings {
+        attribute(format!("solve.{name}"), value.clone());
+    }
+    for (name, value) in pass_one::settings(&args.transport) {
+        if name != "plain" && name != "version" {
+            attribute(format!("render.{name}"), value);
+        }
+    }
+    if let Some(frame) = view.tag.frame {
+        attribute("frame".to_owned(), frame.to_string());
+        attribute("framesPerSecond".to_owned(), args.fps.to_string());
+    }
+}
