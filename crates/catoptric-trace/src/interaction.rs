@@ -65,6 +65,21 @@ impl Interaction {
         self.branches().iter().map(|b| b.throughput).sum()
     }
 
+    /// Veach's factor for adjoint scattering with interpolated normals (Veach 1996, "Non-symmetric scattering in light
+    /// transport algorithms", eq. 11; thesis 1997, §5.3.2): light that travels along `arriving` and leaves along
+    /// `leaving` carries |cosθi_s·cosθo_g| / (|cosθi_g·cosθo_s|) of what the eye-side walk gives to the same path, with
+    /// s the interpolated and g the geometric normal. For ideal mirrors and refraction alike: the Jacobian of Snell's law
+    /// turns the n² of radiance into power and leaves the cosines.
+    #[inline]
+    pub fn adjoint_factor(&self, arriving: Vec3, leaving: Vec3) -> f32 {
+        if self.normal == self.geometric {
+            return 1.0;
+        }
+        let over = arriving.dot(self.normal) * leaving.dot(self.geometric);
+        let under = arriving.dot(self.geometric) * leaving.dot(self.normal);
+        if under == 0.0 { 0.0 } else { (over / under).abs() }
+    }
+
     #[inline]
     fn push(&mut self, branch: Branch) {
         if branch.throughput.max_element() > 0.0 {
