@@ -1,90 +1,90 @@
-//! Renders a scene with timings (development aid).
+//! Renders a scene 256 pixels wide and prints the time of every stage: for trying budgets out.
+//!
+//! `cargo run --profile fast -p catoptric-tests --example quick -- SCENE.glb OUT.exr [draft|standard|high] [layers]`
+//!
+//! Variables of the environment replace budgets of pass one: `BASE`, `ROWS`, `GATHER`, `VERT`, `TOL`, `MAXV`, `SHADOW`,
+//! `NEAR`, `ROUNDS`, `SMOOTH`, `POINTS`, `FITP` and `SEED` (see [`SolveParams`]).
+
+use std::path::Path;
+use std::sync::Mutex;
+use std::time::Instant;
+
+use catoptric_radiosity::{SolveParams, solve};
+use catoptric_render::{RenderParams, render};
 use catoptric_scene::{Progress, gltf};
 use catoptric_solution::Quality;
-use std::time::Instant;
-struct Timed(std::sync::Mutex<(Instant, String)>);
-impl Progress for Timed {
-    fn begin(&self, stage: &str, _t: u64) {
-        let mut g = self.0.lock().expect("lock");
-        if !g.1.is_empty() {
-            eprintln!("  {:>8.1} ms {}", g.0.elapsed().as_secs_f64() * 1e3, g.1);
+use catoptric_trace::Tracer;
+
+/// Prints how long each stage took when the next one begins.
+struct Stopwatch(Mutex<(Instant, String)>);
+
+impl Progress for Stopwatch {
+    fn begin(&self, stage: &str, _total: u64) {
+        let Ok(mut running) = self.0.lock() else { return };
+        if !running.1.is_empty() {
+            eprintln!("  {:>8.1} ms {}", running.0.elapsed().as_secs_f64() * 1e3, running.1);
         }
-        *g = (Instant::now(), stage.to_owned());
+        *running = (Instant::now(), stage.to_owned());
     }
-    fn advance(&self, _u: u64) {}
+
+    fn advance(&self, _units: u64) {}
+
     fn is_cancelled(&self) -> bool {
         false
     }
 }
-#[allow(clippy::too_many_lines)]
-fn main() {
-    let args: Vec<String> = std::env::args().collect();
-    let start = Instant::now();
-    let loaded = gltf::load(std::path::Path::new(&args[1]), &gltf::LoadOptions::default()).expect("load");
-    let quality = match args.get(3).map(String::as_str) {
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [scene, output, rest @ ..] = arguments.as_slice() else {
+        return Err("usage: quick SCENE.glb OUT.exr [draft|standard|high] [layers]".into());
+    };
+    let quality = match rest.first().map(String::as_str) {
         Some("draft") => Quality::Draft,
         Some("high") => Quality::High,
         _ => Quality::Standard,
     };
-    let progress = Timed(std::sync::Mutex::new((Instant::now(), String::new())));
+
+    let start = Instant::now();
+    let progress = Stopwatch(Mutex::new((start, "load".to_owned())));
+    let loaded = gltf::load(Path::new(scene), &gltf::LoadOptions::default()).map_err(|e| e.to_string())?;
     progress.begin("tree", 1);
-    let tracer = catoptric_trace::Tracer::new(&loaded.scene);
-    let mut params = catoptric_radiosity::SolveParams::for_quality(quality);
-    let env = |n: &str| std::env::var(n).ok().and_then(|v| v.parse::<f32>().ok());
-    if let Some(v) = env("BASE") {
-        params.base_triangles = v as usize;
-    }
-    if let Some(v) = env("ROWS") {
-        params.row_rays = v as u32;
-    }
-    if let Some(v) = env("GATHER") {
-        params.gather_rays = v as u32;
-    }
-    if let Some(v) = env("VERT") {
-        params.vertex_rays = v as u32;
-    }
-    if let Some(v) = env("TOL") {
-        params.sources.tolerance = v;
-    }
-    if let Some(v) = env("MAXV") {
-        params.sources.max_vertices = v as usize;
-    }
-    if let Some(v) = env("SHADOW") {
-        params.shadow_rays = v as u32;
-        params.fit_rays = v as u32 / 2;
-    }
-    if let Some(v) = env("NEAR") {
-        params.near = v;
-    }
-    if let Some(v) = env("ROUNDS") {
-        params.near_rounds = v as u32;
-    }
-    if let Some(v) = env("SMOOTH") {
-        params.gather_fit.smoothing = v;
-    }
-    if let Some(v) = env("POINTS") {
-        params.gather_points = v;
-    }
-    if let Some(v) = env("FITP") {
-        params.fit_points = v as u32;
-    }
-    if let Some(v) = env("SEED") {
-        params.seed = v as u32;
-    }
-    let solved = catoptric_radiosity::solve(&tracer, &params, &progress).expect("solve");
-    let camera = &loaded.scene.cameras()[0];
-    let width = 256;
-    let mut rp = catoptric_render::RenderParams::for_quality(quality, width, camera.height_for_width(width));
-    rp.layers = args.get(4).is_some();
-    let rendered =
-        catoptric_render::render(&tracer, &solved.solution, camera, &rp, &progress).expect("render");
+    let tracer = Tracer::new(&loaded.scene);
+    let solved = solve(&tracer, &budgets(quality), &progress).map_err(|_| "stopped")?;
+
+    let camera = loaded.scene.cameras().first().ok_or("the scene has no camera")?;
+    let (width, layers) = (256, rest.len() > 1);
+    let view = RenderParams::for_quality(quality, width, camera.height_for_width(width));
+    let view = RenderParams { layers, ..view };
+    let rendered = render(&tracer, &solved.solution, camera, &view, &progress).map_err(|_| "stopped")?;
     progress.begin("write", 1);
-    rendered.image.write_exr(std::path::Path::new(&args[2])).expect("write");
+    rendered.image.write_exr(Path::new(output))?;
     progress.begin("", 1);
-    eprintln!(
-        "total {:.1} ms; {:?} {:?}",
-        start.elapsed().as_secs_f64() * 1e3,
-        solved.report,
-        rendered.report
-    );
+    let total = start.elapsed().as_secs_f64() * 1e3;
+    eprintln!("total {total:.1} ms; {:?} {:?}", solved.report, rendered.report);
+    Ok(())
+}
+
+/// The budgets of a quality with what the environment replaces.
+fn budgets(quality: Quality) -> SolveParams {
+    let value = |name: &str| std::env::var(name).ok()?.parse::<f32>().ok();
+    let mut params = SolveParams::for_quality(quality);
+    let count = |name: &str, budget: &mut u32| *budget = value(name).map_or(*budget, |v| v as u32);
+    let size = |name: &str, budget: &mut usize| *budget = value(name).map_or(*budget, |v| v as usize);
+    let share = |name: &str, budget: &mut f32| *budget = value(name).unwrap_or(*budget);
+    size("BASE", &mut params.base_triangles);
+    count("ROWS", &mut params.row_rays);
+    count("GATHER", &mut params.gather_rays);
+    count("VERT", &mut params.vertex_rays);
+    share("TOL", &mut params.sources.tolerance);
+    size("MAXV", &mut params.sources.max_vertices);
+    count("SHADOW", &mut params.shadow_rays);
+    params.fit_rays = value("SHADOW").map_or(params.fit_rays, |v| v as u32 / 2);
+    share("NEAR", &mut params.near);
+    count("ROUNDS", &mut params.near_rounds);
+    share("SMOOTH", &mut params.gather_fit.smoothing);
+    share("POINTS", &mut params.gather_points);
+    count("FITP", &mut params.fit_points);
+    count("SEED", &mut params.seed);
+    params
 }

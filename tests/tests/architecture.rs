@@ -1,6 +1,7 @@
-//! Who may use whom: the table of ARCHITECTURE.md over `cargo metadata`.
+//! Who may use whom: the table of ARCHITECTURE.md over `cargo metadata`, and what each crate says that it does not know.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
@@ -31,6 +32,18 @@ const MUST_NOT_KNOW: [(&str, &str); 10] = [
     ("catoptric-render", "catoptric-radiosity"),
     ("catoptric-diff", "catoptric-scene"),
     ("catoptric-diff", "catoptric-render"),
+];
+
+/// What each crate says of itself, in ARCHITECTURE.md and in the head of its `lib.rs`.
+const DOES_NOT_KNOW: [(&str, &str); 8] = [
+    ("catoptric-image", "does not know how an image was rendered"),
+    ("catoptric-scene", "does not know patches, rays or trees"),
+    ("catoptric-trace", "does not know patches, meshes for display, solvers or cameras"),
+    ("catoptric-light", "does not know patches, meshes or cameras"),
+    ("catoptric-solution", "does not know rays or solvers"),
+    ("catoptric-radiosity", "does not know cameras or images"),
+    ("catoptric-render", "does not know form factor methods or solvers"),
+    ("catoptric-diff", "knows nothing of scenes"),
 ];
 
 /// Crates from outside that only one of ours may name: nobody else knows the file format.
@@ -94,6 +107,23 @@ fn the_table_keeps_the_sentences() {
     }
     let everything: BTreeSet<&str> = table.keys().copied().filter(|name| *name != "catoptric").collect();
     assert_eq!(reachable("catoptric", &table), everything, "the command line may use all");
+}
+
+#[test]
+fn the_map_and_the_crates_say_what_they_do_not_know() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let read = |path: &str| std::fs::read_to_string(root.join(path)).expect("a file of the workspace");
+    let map = read("ARCHITECTURE.md");
+    for (name, sentence) in DOES_NOT_KNOW {
+        let row = map.lines().find(|line| line.starts_with(&format!("| `{name}` |")));
+        let row = row.unwrap_or_else(|| panic!("ARCHITECTURE.md has no row for {name}"));
+        assert!(row.contains(sentence), "ARCHITECTURE.md, {name}: expected \"{sentence}\"");
+        let head = read(&format!("crates/{name}/src/lib.rs"));
+        let head: Vec<&str> =
+            head.lines().filter_map(|line| line.strip_prefix("//!")).map(str::trim).collect();
+        let head = head.join(" ").to_lowercase();
+        assert!(head.contains(sentence), "crates/{name}/src/lib.rs: expected \"{sentence}\" in its head");
+    }
 }
 
 #[test]

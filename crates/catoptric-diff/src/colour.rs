@@ -21,7 +21,7 @@ pub(crate) const MAGMA: [[u8; 3]; 17] = [
     [252, 253, 191],
 ];
 
-/// A magnitude in [0,1].
+/// A magnitude in `[0, 1]`.
 pub(crate) fn magma(value: f32) -> [u8; 3] {
     let at = value.clamp(0.0, 1.0) * 16.0;
     let index = (at as usize).min(15);

@@ -19,7 +19,7 @@ pub enum Space {
     Auto,
     /// Linear light always.
     Linear,
-    /// Code values always: samples of float files are taken as sRGB codes in [0,1].
+    /// Code values always: samples of float files are taken as sRGB codes in `[0, 1]`.
     Coded,
 }
 

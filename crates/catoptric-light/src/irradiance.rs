@@ -27,7 +27,7 @@ pub struct LightParams {
 
 impl Default for LightParams {
     fn default() -> Self {
-        Self { images: true, light_rays: false }
+        Self { images: true, light_rays: true }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Who owns a light path: one function of its event chain, used by all passes (DESIGN §3).
+//! Who owns a light path: one function of its event chain, used by all passes (the table in ARCHITECTURE.md).
 
 use catoptric_scene::{Sky, TriangleId};
 use catoptric_trace::Chain;

@@ -312,6 +312,18 @@ impl Draft {
         self.midpoints.get(&edge(a, b)).copied()
     }
 
+    /// The vertex that halves an edge in the mesh as it is shown.
+    pub fn marked_midpoint(&self, a: u32, b: u32) -> Option<u32> {
+        if self.marked.contains(&edge(a, b)) { self.known_midpoint(a, b) } else { None }
+    }
+
+    /// All edges that have been split, ascending.
+    pub fn marked_edges(&self) -> Vec<(u32, u32)> {
+        let mut edges: Vec<(u32, u32)> = self.marked.iter().copied().collect();
+        edges.sort_unstable();
+        edges
+    }
+
     /// Marks edges for splitting and splits triangles until the rest can be closed by halving: a triangle with two
     /// or three marked edges is split into four, and so is one whose marked edge is split twice.
     /// Returns the range of vertices that were made.

@@ -2,6 +2,7 @@
 //!
 //! Does not know cameras or images.
 
+pub mod caustic;
 pub mod contact;
 pub mod draft;
 pub mod face;

@@ -95,19 +95,20 @@ pub fn refine(
                 let light = (middle + p + q) / 3.0 + Rgb::splat(floor);
                 let relative = (error / light).max_element();
                 let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
-                (relative > params.tolerance).then_some((relative * (y - x).length(), (a, b)))
+                (relative > params.tolerance).then(|| (cost(relative, (y - x).length()), (a, b)))
             })
             .collect();
         if round < params.inside_rounds {
             marks.extend(test_inside(draft, field, &values.values, floor, params, round));
         }
-        // The worst first, as far as the budget goes: each split edge makes about two and a half vertices.
+        // The worst first, as far as the budget goes: each split edge makes about two vertices, and half of what is
+        // left is kept for later rounds, where shadows get their edges.
         marks.sort_by(|x, y| x.1.cmp(&y.1).then(y.0.total_cmp(&x.0)));
         marks.dedup_by_key(|m| m.1);
         marks.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         let active = draft.active_vertices();
         let room = params.max_vertices.saturating_sub(active);
-        marks.truncate(room);
+        marks.truncate(room / 4);
         if marks.is_empty() {
             return Ok(());
         }
@@ -120,6 +121,11 @@ pub fn refine(
         candidates.retain(|e| known.binary_search(e).is_err());
     }
     Ok(())
+}
+
+/// What an edge adds to the squared error of a picture: relative error squared times area.
+fn cost(relative: f32, length: f32) -> f32 {
+    relative.min(2.0).powi(2) * length * length
 }
 
 /// Points tested inside a triangle, one per corner's third.
@@ -164,7 +170,7 @@ fn test_inside(
             let vertices = leaf.vertices;
             (0..if marked { 3 } else { 0 }).map(move |k| {
                 let (a, b) = (vertices[k], vertices[(k + 1) % 3]);
-                (worst * longest, (a.min(b), a.max(b)))
+                (cost(worst, longest), (a.min(b), a.max(b)))
             })
         })
         .collect()

@@ -10,6 +10,7 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use catoptric_trace::walk::WalkParams;
 use catoptric_trace::{Ledger, Tracer};
 
+use crate::caustic::{CausticParams, CausticReport, caustic};
 use crate::draft::{Displayed, Draft};
 use crate::fit::{FitParams, FitSample, fit};
 use crate::gather::{DiffuseLight, Gathered, Surroundings, gather, look_around};
@@ -57,6 +58,8 @@ pub struct SolveParams {
     pub near_rounds: u32,
     /// The least-squares fit of the gathers; its smoothing is a multiple of the base edge length.
     pub gather_fit: FitParams,
+    /// Light-side rays.
+    pub caustic: CausticParams,
 }
 
 impl SolveParams {
@@ -94,6 +97,7 @@ impl SolveParams {
             near_rounds,
             gather_fit: FitParams { prior: 0.1, smoothing: 0.06, ..FitParams::default() },
             solver: SolverParams::default(),
+            caustic: CausticParams::for_quality(quality),
         }
     }
 }
@@ -117,6 +121,8 @@ pub struct SolveReport {
     pub iterations: usize,
     /// Residual relative to the emitted power where the solver stopped.
     pub residual: f64,
+    /// Light-side rays.
+    pub caustic: CausticReport,
     /// Image chains.
     pub image_chains: usize,
     /// Emitting triangles.
@@ -234,6 +240,23 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         values.values[v as usize] = sources[v as usize].sum();
     }
 
+    // Light over curved mirrors and glass, on a mesh of its own.
+    let shown = mesh_of_gathers.display(tracer);
+    let caustic = caustic(
+        &lights,
+        &mesh_of_gathers,
+        &shown,
+        &values.values[..base_vertices],
+        params.walk,
+        params.seed,
+        &params.caustic,
+        progress,
+    )?;
+    if let Some(caustic) = &caustic {
+        report.caustic = caustic.report;
+        values.values.iter_mut().zip(caustic.on(&draft)).for_each(|(light, more)| *light += more);
+    }
+
     // The coarse solve.
     let sent = patch_sources(&displayed, &patches, &values.values);
     let locator = PatchLocator { mesh: &base.mesh, of_element: &of_element };
@@ -253,10 +276,15 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         ("shadow", sources.iter().map(|s| u64::from(s.rays)).sum()),
         ("rows", patches.len() as u64 * u64::from(params.row_rays)),
         ("gather", gathered.rays),
+        ("light", u64::from(report.caustic.rays)),
     ];
 
     // The display mesh with every term.
-    let result = assemble(displayed, &draft, &sources, &gathered.terms, &patches, &solution.indirect, &sent);
+    let mut result =
+        assemble(displayed, &draft, &sources, &gathered.terms, &patches, &solution.indirect, &sent);
+    if let Some(caustic) = &caustic {
+        result = caustic.add_to(tracer, &mut draft, result);
+    }
     report.faces = result.mesh.faces.len();
     report.elements = result.mesh.elements.len();
     report.vertices = result.mesh.vertices.len();
@@ -465,9 +493,12 @@ const HIDDEN_TRUST: f32 = 1e-3;
 /// Rays of a gather at a vertex, at least.
 const MIN_VERTEX_RAYS: u32 = 16;
 
-/// Rays of each vertex, in proportion to the area around it, and how much the fit trusts them: by the rays per area that
-/// they have seen, compared with the samples inside.
+/// Rays of each vertex, and how much the fit trusts them. Where the author's tessellation is finer than the base mesh,
+/// vertices share their neighbours' rays: they get them in proportion to the area around, and count by the rays per area
+/// that they have seen, compared with the samples inside. Vertices of refined triangles stand near other surfaces, where
+/// light bends: they only hold the fit.
 fn vertex_budgets(
+    draft: &Draft,
     displayed: &Displayed,
     hidden: &[bool],
     params: &SolveParams,
@@ -475,22 +506,32 @@ fn vertex_budgets(
 ) -> (Vec<u32>, Vec<f32>) {
     let mesh = &displayed.mesh;
     let mut area = vec![0.0_f32; mesh.vertices.len()];
-    for element in 0..mesh.elements.len() as u32 {
-        let third = mesh.area(element) / 3.0;
-        for v in mesh.elements[element as usize].vertices {
+    let mut refined = vec![false; mesh.vertices.len()];
+    for element in 0..mesh.elements.len() {
+        let third = mesh.area(element as u32) / 3.0;
+        let level = draft.leaves[displayed.leaves[element] as usize].level;
+        for v in mesh.elements[element].vertices {
             area[v as usize] += third;
+            refined[v as usize] |= level > 0;
         }
     }
     let inside = params.gather_points * params.gather_rays as f32 / whole;
-    let budget = |(&area, &origin): (&f32, &u32)| {
-        let share = (area / (0.25 * whole)).min(1.0);
-        let rays = ((params.vertex_rays as f32 * share) as u32)
-            .clamp(MIN_VERTEX_RAYS.min(params.vertex_rays), params.vertex_rays);
-        let density = rays as f32 / area.max(f32::MIN_POSITIVE);
-        let trust = if hidden[origin as usize] { HIDDEN_TRUST } else { (density / inside).clamp(1.0, 40.0) };
-        (rays, trust)
-    };
-    area.iter().zip(&displayed.origin).map(budget).unzip()
+    (0..mesh.vertices.len())
+        .map(|v| {
+            let share = if refined[v] { 1.0 } else { (area[v] / (0.25 * whole)).min(1.0) };
+            let least = MIN_VERTEX_RAYS.min(params.vertex_rays);
+            let rays = ((params.vertex_rays as f32 * share) as u32).clamp(least, params.vertex_rays);
+            let density = rays as f32 / area[v].max(f32::MIN_POSITIVE);
+            let trust = if hidden[displayed.origin[v] as usize] {
+                HIDDEN_TRUST
+            } else if refined[v] {
+                1.0
+            } else {
+                (density / inside).clamp(1.0, 40.0)
+            };
+            (rays, trust)
+        })
+        .unzip()
 }
 
 /// Gathered light at the vertices of the mesh of the gathers.
@@ -574,7 +615,7 @@ fn gather_all(
         progress.advance(1);
         result
     };
-    let (vertex_rays, trust) = vertex_budgets(&displayed, hidden, params, whole);
+    let (vertex_rays, trust) = vertex_budgets(draft, &displayed, hidden, params, whole);
     let at_vertices: Vec<Gathered> = displayed
         .origin
         .par_iter()

@@ -73,7 +73,7 @@ pub struct Material {
     pub absorption: Rgb,
     /// KHR_materials_diffuse_transmission factor × colour: Lambertian τ to the other side.
     pub diffuse_transmission: Rgb,
-    /// The share taken from reflection by diffuse transmission, in [0, 1].
+    /// The share taken from reflection by diffuse transmission, in `[0, 1]`.
     pub diffuse_transmission_factor: f32,
     /// Emitted radiance factor (emissiveFactor × emissiveStrength).
     pub emission: Radiance,
@@ -228,7 +228,7 @@ pub struct SurfacePoint {
     pub diffuse_transmission: Rgb,
     /// Mirror reflectance ρ_s, the same at every angle (share multiplied in).
     pub mirror: Rgb,
-    /// Strength s ∈ [0, 1] of the dielectric interface over the diffuse share: reflects s·F(θ), transmits 1 − s·F(θ).
+    /// Strength s ∈ `[0, 1]` of the dielectric interface over the diffuse share: reflects s·F(θ), transmits 1 − s·F(θ).
     pub coat: f32,
     /// Share of the surface that is diffuse, rough metal included: it lies under `coat` and `clearcoat`.
     pub coat_share: f32,

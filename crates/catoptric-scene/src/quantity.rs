@@ -1,6 +1,6 @@
 //! Radiometric quantities, one number per colour channel (linear Rec. 709, no clamping).
 //!
-//! The π between radiosity and radiance lives here and nowhere else (DESIGN §1: a Lambertian surface
+//! The π between radiosity and radiance lives here and nowhere else (docs/conventions.md: a Lambertian surface
 //! of radiosity B has radiance L = B/π in every direction).
 
 use std::f32::consts::PI;

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec4};
 
 use crate::id::TextureId;
 
-/// What happens outside of [0, 1].
+/// What happens outside of `[0, 1]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wrap {
     /// The border texel goes on.
@@ -118,7 +118,7 @@ impl Texture {
     }
 }
 
-/// A texel in linear light, channels in [0, 1].
+/// A texel in linear light, channels in `[0, 1]`.
 #[inline]
 fn decode(texel: [u8; 4], coding: Coding) -> Vec4 {
     let [r, g, b, a] = texel;

@@ -6,7 +6,7 @@ use catoptric_scene::{Irradiance, Rgb, SceneHash};
 
 use crate::mesh::{DisplayMesh, Located};
 
-/// Who owns a light path between a source and a diffuse receiver (DESIGN §3).
+/// Who owns a light path between a source and a diffuse receiver (ARCHITECTURE.md).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Term {
     /// Sources seen straight, or through panes and blended surfaces.

@@ -6,7 +6,7 @@
 /// Refraction at an interface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refraction {
-    /// Reflectance F ∈ [0, 1]; 1 at total internal reflection.
+    /// Reflectance F ∈ `[0, 1]`; 1 at total internal reflection.
     pub reflectance: f32,
     /// Cosine of the refracted direction; 0 at total internal reflection.
     pub cos_transmitted: f32,
@@ -48,7 +48,7 @@ pub fn diffuse(n: f32) -> DiffuseFresnel {
     DiffuseFresnel { external: external as f32, internal: internal as f32 }
 }
 
-/// ∫ f(μ) 2μ dμ over [0, 1] by Simpson's rule of `steps` (even) intervals. In μ = cosθ the functions of Fresnel are
+/// ∫ f(μ) 2μ dμ over `[0, 1]` by Simpson's rule of `steps` (even) intervals. In μ = cosθ the functions of Fresnel are
 /// smooth; in μ², where the weight is uniform, they have a root at grazing incidence.
 pub(crate) fn cosine_mean(steps: usize, f: impl Fn(f32) -> f64) -> f64 {
     let sum: f64 = (0..=steps)

@@ -1,6 +1,6 @@
 //! What a surface does to light, once, for every pass: directions, Fresnel, power throughput, event.
 //!
-//! Conventions (DESIGN §1): an opaque single-sided surface is black from behind; panes and blended surfaces act from
+//! Conventions (docs/conventions.md): an opaque single-sided surface is black from behind; panes and blended surfaces act from
 //! both sides; a solid's border acts by its geometric normal; a coat transmits T(θ) = 1 − s·F(θ) on the way in and on
 //! the way out, so its diffuse side receives H_T = ∫ L·T·cosθ dω and sends T(θ)·B/π (Mitsuba's `plastic`, nonlinear:
 //! f_d = ρ·T(θi)·T(θo)/(π·N)).
@@ -63,6 +63,21 @@ impl Interaction {
     #[inline]
     pub fn passed_on(&self) -> Rgb {
         self.branches().iter().map(|b| b.throughput).sum()
+    }
+
+    /// Veach's factor for adjoint scattering with interpolated normals (Veach 1996, "Non-symmetric scattering in light
+    /// transport algorithms", eq. 11; thesis 1997, §5.3.2): light that travels along `arriving` and leaves along
+    /// `leaving` carries |cosθi_s·cosθo_g| / (|cosθi_g·cosθo_s|) of what the eye-side walk gives to the same path, with
+    /// s the interpolated and g the geometric normal. For ideal mirrors and refraction alike: the Jacobian of Snell's law
+    /// turns the n² of radiance into power and leaves the cosines.
+    #[inline]
+    pub fn adjoint_factor(&self, arriving: Vec3, leaving: Vec3) -> f32 {
+        if self.normal == self.geometric {
+            return 1.0;
+        }
+        let over = arriving.dot(self.normal) * leaving.dot(self.geometric);
+        let under = arriving.dot(self.geometric) * leaving.dot(self.normal);
+        if under == 0.0 { 0.0 } else { (over / under).abs() }
     }
 
     #[inline]

@@ -1,4 +1,4 @@
-//! Where the power of walks went: each entry is summed from its own events, none is a remainder (DESIGN §1).
+//! Where the power of walks went: each entry is summed from its own events, none is a remainder (docs/conventions.md).
 
 use glam::DVec3;
 
@@ -20,6 +20,8 @@ pub struct Ledger {
     pub cut_off: DVec3,
     /// Roulette: what was dropped less what was added to survivors. Zero on average.
     pub roulette: DVec3,
+    /// Light-side walks over interpolated normals: what the factor for adjoint scattering took less what it gave.
+    pub shading: DVec3,
 }
 
 impl Ledger {
@@ -31,6 +33,7 @@ impl Ledger {
         self.escaped += other.escaped;
         self.cut_off += other.cut_off;
         self.roulette += other.roulette;
+        self.shading += other.shading;
     }
 
     /// Every entry times `factor`.
@@ -42,16 +45,23 @@ impl Ledger {
             escaped: self.escaped * factor,
             cut_off: self.cut_off * factor,
             roulette: self.roulette * factor,
+            shading: self.shading * factor,
         }
     }
 
     /// The sum of all entries: what was sent.
     pub fn sum(&self) -> DVec3 {
-        self.arrived + self.absorbed + self.black_backs + self.escaped + self.cut_off + self.roulette
+        self.arrived
+            + self.absorbed
+            + self.black_backs
+            + self.escaped
+            + self.cut_off
+            + self.roulette
+            + self.shading
     }
 
     /// The entries by name.
-    pub fn entries(&self) -> [(&'static str, DVec3); 6] {
+    pub fn entries(&self) -> [(&'static str, DVec3); 7] {
         [
             ("arrived", self.arrived),
             ("absorbed", self.absorbed),
@@ -59,6 +69,7 @@ impl Ledger {
             ("escaped", self.escaped),
             ("cut_off", self.cut_off),
             ("roulette", self.roulette),
+            ("shading", self.shading),
         ]
     }
 }

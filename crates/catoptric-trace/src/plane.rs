@@ -1,7 +1,7 @@
 //! Which triangles lie in one plane.
 //!
 //! Two uses: a ray that leaves a plane can never meet it again, so "ignore the plane I start from" is an exact
-//! self-intersection rule that needs no offset (DESIGN §2); and a planar mirror is a plane, however many triangles
+//! self-intersection rule that needs no offset (ARCHITECTURE.md); and a planar mirror is a plane, however many triangles
 //! it is made of, so image chains are lists of planes.
 
 use std::collections::HashMap;

@@ -25,12 +25,14 @@ pub struct WalkParams {
     pub roulette_below: f32,
     /// False: the first surface ends every walk, as in radiosity without extended form factors (`--plain`).
     pub extended: bool,
+    /// True for walks that start at a light: interpolated normals scatter importance and power differently.
+    pub from_light: bool,
 }
 
 impl Default for WalkParams {
-    /// 1000 events: a duct of perfect mirrors loses 1e-4 at 120 (DESIGN §1), nothing visible at 1000.
+    /// 1000 events: a duct of perfect mirrors loses 1e-4 at 120, nothing visible at 1000.
     fn default() -> Self {
-        Self { max_depth: 1000, roulette_below: 0.1, extended: true }
+        Self { max_depth: 1000, roulette_below: 0.1, extended: true, from_light: false }
     }
 }
 
@@ -78,15 +80,29 @@ pub enum End {
 /// Everything that happens to `throughput` is booked in `ledger`, so that its entries sum to what was sent.
 pub fn choose(
     tracer: &Tracer,
+    ray: Ray,
+    media: MediumStack,
+    throughput: Rgb,
+    key: Key,
+    params: &WalkParams,
+    ledger: &mut Ledger,
+    arrive: impl FnMut(&Arrival),
+) -> End {
+    choose_after(tracer, ray, media, throughput, Chain::DIRECT, key, params, ledger, arrive)
+}
+
+/// [`choose`] for a walk to which `chain` has happened already.
+pub fn choose_after(
+    tracer: &Tracer,
     mut ray: Ray,
     mut media: MediumStack,
     mut throughput: Rgb,
+    mut chain: Chain,
     key: Key,
     params: &WalkParams,
     ledger: &mut Ledger,
     mut arrive: impl FnMut(&Arrival),
 ) -> End {
-    let mut chain = Chain::DIRECT;
     let mut distance = 0.0;
     for depth in 0..params.max_depth {
         let Some(hit) = tracer.nearest(&ray, f32::INFINITY) else {
@@ -154,18 +170,24 @@ pub fn choose(
         }
         let branch = &interaction.branches()[chosen];
         throughput = throughput * branch.throughput / probability;
+        ledger.roulette += entry(going_on) - entry(throughput);
+        if params.from_light && branch.event != Event::Undeviated {
+            let corrected = throughput * interaction.adjoint_factor(ray.direction, branch.direction);
+            ledger.shading += entry(throughput - corrected);
+            throughput = corrected;
+        }
 
         // Unbiased roulette keeps long walks in check.
         let strength = throughput.max_element();
         if strength < params.roulette_below {
             let survival = strength / params.roulette_below;
             if key.uniform(2 * depth + 1) >= survival {
-                ledger.roulette += entry(going_on);
+                ledger.roulette += entry(throughput);
                 return End::Inside;
             }
+            ledger.roulette += entry(throughput) - entry(throughput / survival);
             throughput /= survival;
         }
-        ledger.roulette += entry(going_on) - entry(throughput);
 
         chain.push(branch.event);
         media = branch.media;

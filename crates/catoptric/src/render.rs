@@ -68,7 +68,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
             reporter.set_context(format!("{} of {}: {}", index + 1, views.len(), view.camera.name));
         }
         let Rendered { mut image, report } =
-            render(&tracer, &solution, &view.camera, &params(args, view), &reporter)?;
+            render(&tracer, &solution, &view.camera, &params(args, &solution, view), &reporter)?;
         describe(&mut image, &solution, view, args);
         reporter.begin("write", 0);
         let files = outputs.write(&image, &view.tag)?;
@@ -164,8 +164,7 @@ fn check_outputs(
 
 /// Options of pass one cannot change light that was computed before.
 fn check_settings(args: &RenderArgs, solution: &Solution) -> Result<(), Failure> {
-    let plain = solution.settings.get("plain").is_some_and(|plain| plain == "true");
-    if args.transport.plain && !plain {
+    if args.transport.plain && !pass_one::is_plain(solution) {
         let file = args.solution.as_ref().unwrap_or(&args.scene);
         return Err(Failure::usage(
             format_args!("--plain: the light of {} was solved with mirrors and glass", file.display()),
@@ -175,9 +174,10 @@ fn check_settings(args: &RenderArgs, solution: &Solution) -> Result<(), Failure>
     Ok(())
 }
 
-fn params(args: &RenderArgs, view: &View) -> RenderParams {
+fn params(args: &RenderArgs, solution: &Solution, view: &View) -> RenderParams {
     let mut params = RenderParams::for_quality(args.transport.quality.quality(), view.width, view.height);
     params.walk.max_depth = args.transport.max_depth;
+    params.light = pass_one::light_of(solution);
     params.seed = args.transport.seed;
     params.layers = args.layers;
     params

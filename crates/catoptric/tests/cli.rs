@@ -4,6 +4,7 @@ mod support;
 
 use std::fs;
 
+use catoptric_image::{Image, ReadLimits};
 use serde_json::Value;
 use support::Bench;
 
@@ -121,6 +122,21 @@ fn light_of_another_scene_is_refused() {
     run.fails_with(1, &["scene.gltf", "without a solution", "catoptric solve"]);
     let run = bench.run(&["render", "solved.glb", "-o", "out.exr", "--plain", "--size", "16"]);
     run.fails_with(2, &["--plain", "solved.glb"]);
+}
+
+#[test]
+fn mirrors_light_the_floor_and_with_plain_they_do_not() {
+    let bench = Bench::new();
+    for (name, options, lit) in [("lit.exr", &[][..], true), ("plain.exr", &["--plain"][..], false)] {
+        let run = bench.render(&[&["-o", name, "--size", "16", "--layers"], options].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        let image = Image::read(&bench.path(name), &ReadLimits::default()).unwrap();
+        let layers = ["mirrored", "caustic", "specular.mirrored", "specular.caustic"];
+        let light = |layer: &str| image.rgb(layer).unwrap().iter().flatten().sum::<f32>();
+        let thrown: f32 = layers.into_iter().map(light).sum();
+        assert_eq!(thrown > 0.0, lit, "{name}: {thrown}");
+        assert!(light("direct") > 0.0, "{name}");
+    }
 }
 
 #[test]

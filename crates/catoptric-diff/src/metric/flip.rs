@@ -33,7 +33,7 @@ const FEATURE_WIDTH: f32 = 0.082;
 /// How an image becomes display-referred.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Exposures {
-    /// It is display-referred already: values are linear light in [0,1].
+    /// It is display-referred already: values are linear light in `[0, 1]`.
     None,
     /// The largest error over this range of exposures, in stops, both ends included.
     Range {
@@ -84,7 +84,7 @@ impl Exposures {
 /// The ACES tone mapper of the reference implementation: (a x² + b x + c) / (d x² + e x + f).
 const ACES: [f32; 6] = [0.6 * 0.6 * 2.51, 0.6 * 0.03, 0.0, 0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
 
-/// The FLIP error of every pixel, in [0,1]. `reference` and `test` are linear Rec. 709, finite.
+/// The FLIP error of every pixel, in `[0, 1]`. `reference` and `test` are linear Rec. 709, finite.
 pub fn error_map(
     width: usize,
     height: usize,
@@ -393,7 +393,7 @@ impl Filtered {
     }
 }
 
-/// Length of a gradient of luminance Y, for luminance in [0,1].
+/// Length of a gradient of luminance Y, for luminance in `[0, 1]`.
 #[inline(always)]
 fn length(x: f32, y: f32) -> f32 {
     (x * x + y * y).sqrt() / 116.0
@@ -425,7 +425,7 @@ fn along_column(source: &[f32], weights: &[f32]) -> [f32; LANES] {
     sum
 }
 
-/// Linear light in [0,1] on the display.
+/// Linear light in `[0, 1]` on the display.
 #[inline(always)]
 fn display(light: f32, gain: Option<f32>) -> f32 {
     let shown = match gain {

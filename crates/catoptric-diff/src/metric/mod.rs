@@ -1,4 +1,4 @@
-//! The metrics. Each is a file with one [`Measure`]; adding one is a file, a `mod` line and an entry of [`Metric`]: the
+//! The metrics. Each is a file with one `Measure`; adding one is a file, a `mod` line and an entry of [`Metric`]: the
 //! battery of `tests/metrics.rs`, the command line, the JSON and the report find it there.
 
 mod energy;

@@ -1,8 +1,8 @@
 //! The report: one HTML file that needs nothing else, with the data of both images inside.
 //!
 //! The page (`page.html`, `style.css`, `app.js`) is constant; this module fills in the tables and the data. Pixels travel
-//! as base64 of little-endian floats, of halves for images above [`FLOAT_PIXELS`]; error maps as bytes. Images above
-//! [`PIXELS`] are averaged down by a whole factor for display, and the page says so; the numbers are of the full images.
+//! as base64 of little-endian floats, of halves for images above `FLOAT_PIXELS`; error maps as bytes. Images above
+//! `PIXELS` are averaged down by a whole factor for display, and the page says so; the numbers are of the full images.
 
 mod base64;
 mod index;

@@ -93,7 +93,7 @@ fn read_material<'a>(entity: &Entity<'a>, textures: &mut TextureReader<'a>, repo
     material
 }
 
-/// A colour of shares: each in [0, 1], others brought there with a warning.
+/// A colour of shares: each in `[0, 1]`, others brought there with a warning.
 fn reflectance(entity: &Entity<'_>, key: &str, default: Rgb, report: &Report) -> Rgb {
     let Some(color) = entity.numbers::<3>(key, report) else { return default };
     share(Rgb::from_array(color.map(|x| x as f32)), entity, key, report)

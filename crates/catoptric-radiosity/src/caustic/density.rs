@@ -1,0 +1,356 @@
+//! From deposits to irradiance at vertices, and where the mesh must be finer for it.
+//!
+//! Vertex values are the L² projection of the deposits onto piecewise linear functions (Kavan, Bargteil & Sloan 2011): the
+//! moments b_v = Σ power × hat_v(x), first with the lumped mass matrix (area around the vertex / 3), which keeps the power
+//! exactly, then moved towards the consistent one, which undoes the smoothing of lumping and keeps it as well.
+//!
+//! A triangle is split where that explains more than noise: P_c − Q_c, what its parts got less what the interpolated
+//! values say, is compared with its variance Σ w², the estimate for independent rays.
+
+use std::collections::HashMap;
+
+use rayon::prelude::*;
+
+use catoptric_scene::{Cancelled, Progress, Rgb};
+use catoptric_trace::Tracer;
+
+use crate::caustic::deposit::{Deposits, LEVELS, Part};
+use crate::draft::{Draft, Leaf};
+
+/// When triangles are fine enough for the caustic term.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DensityParams {
+    /// Vertices at most beyond the base mesh.
+    pub max_vertices: usize,
+    /// Rounds of splitting.
+    pub rounds: u32,
+    /// A triangle is split where the squared differences of its four parts, or sixteen, are above these multiples of
+    /// their variance: chance alone passes them once in about a hundred times.
+    pub significance: [f32; 2],
+    /// … and above this share of the light there, root mean square.
+    pub tolerance: f32,
+    /// Rays that a triangle must have got, counted by weight.
+    pub min_count: f32,
+    /// Edges shorter than this are left alone, metres.
+    pub min_edge: f32,
+    /// Steps from the lumped towards the consistent mass matrix.
+    pub sharpening: u32,
+}
+
+/// Moments of one leaf: at its corners, and at the vertex that halves one of its edges.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moments {
+    corners: [Rgb; 3],
+    middle: Rgb,
+    /// Σ (power × hat)² at the corners and the middle, channels added.
+    squares: [f32; 4],
+}
+
+/// What is known of a leaf: it holds as long as the leaf, its halved edge and the values at its vertices stay.
+#[derive(Clone, Copy, Debug, Default)]
+struct Known {
+    moments: Moments,
+    /// Values at corners and middles of edges when it was judged, and the gain of splitting it.
+    judged: Option<([f32; 6], Option<f32>)>,
+}
+
+/// Known leaves by code, level and halved edge.
+type Memory = HashMap<(u64, u32, Option<usize>), Known>;
+
+/// Irradiance at the draft's vertices with the power of the deposits; zero where no leaf has the vertex.
+pub(super) fn project(draft: &Draft, deposits: &Deposits, sharpening: u32) -> Vec<Rgb> {
+    let leaves = look(draft, deposits, &Memory::default());
+    Projection::new(draft, &leaves, sharpening).values
+}
+
+/// A leaf with its place among the deposits.
+#[derive(Clone, Copy, Debug)]
+struct Looked {
+    part: Part,
+    halved: Option<usize>,
+    known: Known,
+}
+
+/// The moments of every leaf.
+fn look(draft: &Draft, deposits: &Deposits, memory: &Memory) -> Vec<Looked> {
+    draft
+        .leaves
+        .par_iter()
+        .with_min_len(64)
+        .map(|leaf| {
+            let part = Part::of(draft, leaf);
+            let halved = halved(draft, leaf.vertices).map(|h| h.0);
+            let known = memory
+                .get(&(part.code, part.level, halved))
+                .copied()
+                .unwrap_or_else(|| Known { moments: moments(deposits, part, halved), judged: None });
+            Looked { part, halved, known }
+        })
+        .collect()
+}
+
+/// Vertex values for the moments.
+pub(super) struct Projection {
+    pub(super) values: Vec<Rgb>,
+    /// Area around each vertex / 3.
+    pub(super) mass: Vec<f32>,
+    /// Variance of the lumped values for independent rays, channels added.
+    pub(super) variance: Vec<f32>,
+    /// The mesh as it is shown.
+    pub(super) triangles: Vec<([u32; 3], f32)>,
+}
+
+impl Projection {
+    fn new(draft: &Draft, leaves: &[Looked], sharpening: u32) -> Self {
+        let count = draft.vertices.len();
+        let mut right = vec![Rgb::ZERO; count];
+        let mut mass = vec![0.0_f32; count];
+        let mut variance = vec![0.0_f32; count];
+        let mut triangles: Vec<([u32; 3], f32)> = Vec::with_capacity(draft.leaves.len() * 2);
+        for (leaf, looked) in draft.leaves.iter().zip(leaves) {
+            let moments = &looked.known.moments;
+            for (corner, &v) in leaf.vertices.iter().enumerate() {
+                right[v as usize] += moments.corners[corner];
+                variance[v as usize] += moments.squares[corner];
+            }
+            let mut whole = draft.area(leaf);
+            if let Some((_, middle)) = halved(draft, leaf.vertices) {
+                right[middle as usize] += moments.middle;
+                variance[middle as usize] += moments.squares[3];
+                whole *= 0.5;
+            }
+            draft.closed(leaf, |vertices| {
+                for v in vertices {
+                    mass[v as usize] += whole / 3.0;
+                }
+                triangles.push((vertices, whole));
+            });
+        }
+        let lumped = |right: &[Rgb]| -> Vec<Rgb> {
+            right.iter().zip(&mass).map(|(&b, &m)| if m > 0.0 { b / m } else { Rgb::ZERO }).collect()
+        };
+        let mut values = lumped(&right);
+        for _ in 0..sharpening {
+            // The consistent mass matrix of a triangle is area/12·(1 + δ).
+            let mut rest = right.clone();
+            for (vertices, area) in &triangles {
+                let sum: Rgb = vertices.iter().map(|&v| values[v as usize]).sum();
+                for &v in vertices {
+                    rest[v as usize] -= (sum + values[v as usize]) * (area / 12.0);
+                }
+            }
+            for (value, step) in values.iter_mut().zip(lumped(&rest)) {
+                *value += step;
+            }
+        }
+        for (variance, &m) in variance.iter_mut().zip(&mass) {
+            *variance = if m > 0.0 { *variance / (m * m) } else { 0.0 };
+        }
+        Self { values, mass, variance, triangles }
+    }
+}
+
+/// Which edge of a leaf is halved by its neighbour (0: between corners 0 and 1, …), and the vertex there.
+fn halved(draft: &Draft, vertices: [u32; 3]) -> Option<(usize, u32)> {
+    (0..3).find_map(|k| draft.marked_midpoint(vertices[k], vertices[(k + 1) % 3]).map(|m| (k, m)))
+}
+
+fn moments(deposits: &Deposits, part: Part, halved: Option<usize>) -> Moments {
+    let mut sums = Moments::default();
+    for index in deposits.range(part) {
+        let mut weights = deposits.weights(index, part.level);
+        let power = deposits.power(index);
+        if let Some(k) = halved {
+            // The half that holds the point: its corner on the edge gives to the middle.
+            let (a, b) = (k, (k + 1) % 3);
+            let given = 2.0 * weights[a].min(weights[b]);
+            weights[a] -= 0.5 * given;
+            weights[b] -= 0.5 * given;
+            sums.middle += power * given;
+            sums.squares[3] += (strength(power) * given).powi(2);
+        }
+        for corner in 0..3 {
+            sums.corners[corner] += power * weights[corner];
+            sums.squares[corner] += (strength(power) * weights[corner]).powi(2);
+        }
+    }
+    sums
+}
+
+/// Splits triangles until what is left is noise, small, or the budget is spent. `other` is the light of other terms at
+/// the vertices of the base mesh: differences are seen against it. Returns the values at the vertices.
+pub(super) fn refine(
+    tracer: &Tracer,
+    draft: &mut Draft,
+    deposits: &Deposits,
+    other: &[Rgb],
+    params: &DensityParams,
+    progress: &dyn Progress,
+) -> Result<Density, Cancelled> {
+    let first = draft.vertices.len();
+    let mut memory = Memory::default();
+    for round in 0.. {
+        if progress.is_cancelled() {
+            return Err(Cancelled);
+        }
+        let mut leaves = look(draft, deposits, &memory);
+        let mut projection = Projection::new(draft, &leaves, params.sharpening);
+        let values = &projection.values;
+        leaves.par_iter_mut().zip(&draft.leaves).with_min_len(64).for_each(|(looked, leaf)| {
+            let at = around(draft, leaf, values);
+            if looked.known.judged.is_none_or(|j| j.0 != at) {
+                looked.known.judged =
+                    Some((at, gain(draft, deposits, leaf, looked.part, &at, other, params)));
+            }
+        });
+        let gain = |looked: &Looked| looked.known.judged.and_then(|j| j.1);
+        let mut wanted: Vec<(f32, u32)> = leaves
+            .iter()
+            .enumerate()
+            .filter_map(|(index, looked)| gain(looked).map(|g| (g, index as u32)))
+            .collect();
+        // The largest gain first, as far as the budget goes: a split makes about one and a half vertices.
+        wanted.sort_unstable_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
+        let room = params.max_vertices.saturating_sub(draft.vertices.len() - first);
+        wanted.truncate(room * 2 / 3);
+        if wanted.is_empty() || round == params.rounds {
+            let noise = noise(draft, deposits, &leaves, other);
+            let mut light: Vec<f32> = Vec::with_capacity(draft.vertices.len());
+            for (index, vertex) in draft.vertices.iter().enumerate() {
+                light.push(match (other.get(index), vertex.parents) {
+                    (Some(&own), _) => strength(own),
+                    (None, Some([a, b])) => 0.5 * (light[a as usize] + light[b as usize]),
+                    (None, None) => 0.0,
+                });
+            }
+            projection.smooth(&light);
+            return Ok(Density { values: projection.values, noise });
+        }
+        let marks: Vec<(u32, u32)> = wanted
+            .iter()
+            .flat_map(|&(_, index)| {
+                let [a, b, c] = draft.leaves[index as usize].vertices;
+                [(a, b), (b, c), (c, a)]
+            })
+            .collect();
+        draft.split(tracer, &marks);
+        memory = leaves.iter().map(|l| ((l.part.code, l.part.level, l.halved), l.known)).collect();
+    }
+    Ok(Density::default())
+}
+
+/// The result of refinement.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Density {
+    /// Irradiance at the vertices.
+    pub(super) values: Vec<Rgb>,
+    /// Standard error of the triangles against the light there, root mean square over what caustics light.
+    pub(super) noise: f32,
+}
+
+/// Caustics weaker than this share of the other light do not count.
+const LIT: f32 = 0.02;
+
+fn noise(draft: &Draft, deposits: &Deposits, leaves: &[Looked], other: &[Rgb]) -> f32 {
+    let (mut sum, mut lit) = (0.0_f64, 0.0_f64);
+    for (leaf, looked) in draft.leaves.iter().zip(leaves) {
+        let area = draft.area(leaf);
+        let (power, squares) = totals(deposits, deposits.range(looked.part));
+        let background = background(draft, leaf, other);
+        if power > LIT * background * area {
+            let light = power + background * area;
+            sum += f64::from(area * squares / (light * light));
+            lit += f64::from(area);
+        }
+    }
+    if lit > 0.0 { (sum / lit).sqrt() as f32 } else { 0.0 }
+}
+
+pub(super) fn strength(light: Rgb) -> f32 {
+    light.element_sum()
+}
+
+/// Light of other terms at a leaf.
+fn background(draft: &Draft, leaf: &Leaf, other: &[Rgb]) -> f32 {
+    draft.base[leaf.root as usize].iter().map(|&v| strength(other[v as usize])).sum::<f32>() / 3.0
+}
+
+/// Values at the corners of a leaf, and in the middles of its edges.
+fn around(draft: &Draft, leaf: &Leaf, values: &[Rgb]) -> [f32; 6] {
+    let corners = leaf.vertices.map(|v| strength(values[v as usize]));
+    let middles: [f32; 3] = std::array::from_fn(|k| {
+        let (a, b) = (leaf.vertices[k], leaf.vertices[(k + 1) % 3]);
+        match draft.marked_midpoint(a, b) {
+            Some(m) => strength(values[m as usize]),
+            None => 0.5 * (corners[k] + corners[(k + 1) % 3]),
+        }
+    });
+    [corners[0], corners[1], corners[2], middles[0], middles[1], middles[2]]
+}
+
+/// How much a split would explain, if that is significant and large enough to be seen.
+fn gain(
+    draft: &Draft,
+    deposits: &Deposits,
+    leaf: &Leaf,
+    part: Part,
+    around: &[f32; 6],
+    other: &[Rgb],
+    params: &DensityParams,
+) -> Option<f32> {
+    let area = draft.area(leaf);
+    if part.level + 2 > LEVELS || area < 0.4 * params.min_edge * params.min_edge {
+        return None;
+    }
+    let range = deposits.range(part);
+    if range.is_empty() {
+        return None;
+    }
+    let (sum, squares) = totals(deposits, range.clone());
+    if sum * sum < params.min_count * squares {
+        return None;
+    }
+    // Parts in the order of the codes, with the values at their corners.
+    let [a, b, c, ab, bc, ca] = *around;
+    let parts = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]];
+    let background = background(draft, leaf, other);
+    let light = sum / area + background;
+    let mut best: Option<f32> = None;
+    let mut judge = |difference: f32, variance: f32, cells: f32, significance: f32| {
+        // Root mean square of the irradiance that is not explained, noise taken off.
+        let unexplained = (difference - variance).max(0.0) * cells;
+        let relative = unexplained.sqrt() / (area * light.max(f32::MIN_POSITIVE));
+        if difference > significance * variance && relative > params.tolerance {
+            let gain = unexplained / area / light.max(f32::MIN_POSITIVE);
+            best = Some(best.map_or(gain, |b| b.max(gain)));
+        }
+    };
+    let (mut coarse, mut fine) = ((0.0, 0.0), (0.0, 0.0));
+    for (index, values) in parts.iter().enumerate() {
+        let child = part.child(index as u64);
+        let within = deposits.range_within(child, &range);
+        let (got, variance) = totals(deposits, within.clone());
+        let expected = area / 4.0 * (values[0] + values[1] + values[2]) / 3.0;
+        coarse.0 += (got - expected) * (got - expected);
+        coarse.1 += variance;
+        let [p, q, r] = *values;
+        let [pq, qr, rp] = [0.5 * (p + q), 0.5 * (q + r), 0.5 * (r + p)];
+        for (index, values) in [[p, pq, rp], [pq, q, qr], [rp, qr, r], [pq, qr, rp]].iter().enumerate() {
+            let (got, variance) = totals(deposits, deposits.range_within(child.child(index as u64), &within));
+            let expected = area / 16.0 * (values[0] + values[1] + values[2]) / 3.0;
+            fine.0 += (got - expected) * (got - expected);
+            fine.1 += variance;
+        }
+    }
+    judge(coarse.0, coarse.1, 4.0, params.significance[0]);
+    judge(fine.0, fine.1, 16.0, params.significance[1]);
+    best
+}
+
+/// Σ w and Σ w² of a range.
+fn totals(deposits: &Deposits, range: std::ops::Range<usize>) -> (f32, f32) {
+    deposits.powers(range).iter().fold((0.0, 0.0), |(sum, squares), power| {
+        let w = power.element_sum();
+        (sum + w, squares + w * w)
+    })
+}

@@ -1,0 +1,344 @@
+//! Light-side rays: from a point of a source to a point of the specular geometry, and on from there by the choose-walk.
+//!
+//! Area sampling of the first deviating event (the light-side twin of next-event estimation): the power per area that
+//! arrives at a point of a target, L·cosθ·cosθ'/r², over the area density of that point. Every path from a concentrated
+//! source that is deviated at all has exactly one such event, so nothing is missed and nothing counted twice.
+
+use glam::{DVec3, Vec2};
+use rayon::prelude::*;
+
+use catoptric_light::{Lights, Owner, Source as Origin};
+use catoptric_scene::{AlphaMode, Cancelled, Progress, Rgb};
+use catoptric_trace::sequence::{Key, Purpose, triangle_point};
+use catoptric_trace::walk::{self, Arrival, WalkParams};
+use catoptric_trace::{Chain, Event, Hit, Ledger, Ray};
+
+use crate::caustic::deposit::{Deposit, code_of};
+use crate::caustic::source::{self, Source};
+use crate::caustic::table::Table;
+use crate::caustic::target::{self, Target};
+use crate::draft::{Displayed, Draft};
+
+/// Sources, targets, and how likely each pair is tried.
+pub(super) struct Emission<'a> {
+    lights: &'a Lights<'a>,
+    draft: &'a Draft,
+    base: &'a Displayed,
+    walk: WalkParams,
+    targets: Vec<Target>,
+    sources: Vec<Source>,
+    choice: Table,
+    /// Per source: choice of a target.
+    tables: Vec<Table>,
+}
+
+/// What a number of rays brought, as sums: shares of 1/n are taken by the caller.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Harvest {
+    pub(super) deposits: Vec<Deposit>,
+    /// Power that left first deviating events.
+    pub(super) sent: DVec3,
+    /// Power that ended on receivers with a caustic chain.
+    pub(super) deposited: DVec3,
+    /// Power that arrived there without a curved event, or where nothing is stored: not ours.
+    pub(super) elsewhere: DVec3,
+    /// Where what was sent went.
+    pub(super) ledger: Ledger,
+}
+
+/// Rays of one unit of work.
+const CHUNK: u32 = 4096;
+/// Rays that learn which targets matter.
+const PILOT_RAYS: u32 = 1 << 14;
+/// Targets that share what the pilot learned.
+const BLOCKS: usize = 512;
+
+impl<'a> Emission<'a> {
+    /// `None` if no light takes such paths.
+    pub(super) fn new(
+        lights: &'a Lights<'a>,
+        draft: &'a Draft,
+        base: &'a Displayed,
+        walk: WalkParams,
+        seed: u32,
+    ) -> Option<Self> {
+        let bright = lights.has_sources() || !lights.tracer().scene().lights().is_empty();
+        if !bright || !walk.extended {
+            return None;
+        }
+        let targets = target::collect(lights.tracer());
+        if targets.is_empty() {
+            return None;
+        }
+        let sources = source::collect(lights, &targets, seed);
+        let walk = WalkParams { from_light: true, ..walk };
+        let mut emission = Self {
+            lights,
+            draft,
+            base,
+            walk,
+            targets,
+            sources,
+            choice: Table::default(),
+            tables: Vec::new(),
+        };
+        emission.weigh(|_| 1.0);
+        (emission.choice.total > 0.0).then_some(emission)
+    }
+
+    /// Sets the probabilities from the importance of each pair, times a factor of the target.
+    fn weigh(&mut self, factor: impl Fn(usize) -> f32 + Sync) {
+        let (lights, targets) = (self.lights, &self.targets);
+        self.tables = self
+            .sources
+            .par_iter()
+            .map(|source| {
+                let weights: Vec<f32> = targets
+                    .iter()
+                    .enumerate()
+                    .map(|(index, target)| source.importance(lights, target) * factor(index))
+                    .collect();
+                Table::new(weights.iter().copied())
+            })
+            .collect();
+        self.choice = Table::new(self.tables.iter().map(|t| t.total as f32));
+    }
+
+    /// Shifts the probabilities to the targets from which light gets to receivers. An independent first look decides:
+    /// the rays that count never do.
+    pub(super) fn learn(&mut self, seed: u32, progress: &dyn Progress) -> Result<(), Cancelled> {
+        let per_block = self.targets.len().div_ceil(BLOCKS).max(1);
+        let blocks = self.targets.len().div_ceil(per_block);
+        let keys = Keys::new(seed, 0);
+        let chunks: Vec<Vec<(f64, f64)>> = (0..PILOT_RAYS / CHUNK)
+            .into_par_iter()
+            .map(|chunk| {
+                let mut sums = vec![(0.0, 0.0); blocks];
+                let mut harvest = Harvest::default();
+                for index in chunk * CHUNK..(chunk + 1) * CHUNK {
+                    let before = harvest.deposited.element_sum();
+                    let target = self.shoot(index, &keys, &mut harvest);
+                    let sum = &mut sums[target / per_block];
+                    sum.0 += 1.0;
+                    sum.1 += harvest.deposited.element_sum() - before;
+                    harvest.deposits.clear();
+                }
+                sums
+            })
+            .collect();
+        if progress.is_cancelled() {
+            return Err(Cancelled);
+        }
+        let mut sums = vec![(0.0, 0.0); blocks];
+        for chunk in &chunks {
+            for (sum, part) in sums.iter_mut().zip(chunk) {
+                sum.0 += part.0;
+                sum.1 += part.1;
+            }
+        }
+        let (tried, found) = sums.iter().fold((0.0, 0.0), |s, b| (s.0 + b.0, s.1 + b.1));
+        if found <= 0.0 {
+            return Ok(());
+        }
+        // The mean counts as a few rays of each block; a square root, since the variance per ray of a share p is p.
+        let prior = 4.0;
+        let mean = found / tried;
+        let share: Vec<f32> = sums
+            .iter()
+            .map(|&(tried, found)| ((found / mean + prior) / (tried + prior)).sqrt() as f32)
+            .collect();
+        let least = 0.1;
+        self.weigh(|target| share[target / per_block].max(least));
+        Ok(())
+    }
+
+    /// Sends the rays `range` of the main sequence.
+    pub(super) fn send(
+        &self,
+        range: std::ops::Range<u32>,
+        seed: u32,
+        progress: &dyn Progress,
+    ) -> Result<Harvest, Cancelled> {
+        let keys = Keys::new(seed, 1);
+        let chunks: Vec<Harvest> = (range.start / CHUNK..range.end.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let mut harvest = Harvest::default();
+                if progress.is_cancelled() {
+                    return harvest;
+                }
+                harvest.deposits.reserve(CHUNK as usize);
+                let end = ((chunk + 1) * CHUNK).min(range.end);
+                for index in (chunk * CHUNK).max(range.start)..end {
+                    self.shoot(index, &keys, &mut harvest);
+                }
+                progress.advance(u64::from(CHUNK));
+                harvest
+            })
+            .collect();
+        if progress.is_cancelled() {
+            return Err(Cancelled);
+        }
+        let mut sum = Harvest::default();
+        sum.deposits.reserve(chunks.iter().map(|c| c.deposits.len()).sum());
+        for chunk in chunks {
+            sum.add(chunk);
+        }
+        Ok(sum)
+    }
+
+    /// One ray. Returns its target.
+    fn shoot(&self, index: u32, keys: &Keys, harvest: &mut Harvest) -> usize {
+        let (e, t) = (keys.source.point2(index), keys.target.point2(index));
+        let (source, source_share, left) = self.choice.pick(e.x);
+        let at_source = Vec2::new(left, e.y);
+        let (chosen, target_share, left) = self.tables[source].pick(t.x);
+        let source = &self.sources[source];
+        let target = &self.targets[chosen];
+        let (u, v) = triangle_point(Vec2::new(left, t.y));
+        let probability = source_share * target_share / target.area;
+        self.follow(source, at_source, target, (u, v), probability, keys.walk.child(index), harvest);
+        chosen
+    }
+
+    fn follow(
+        &self,
+        source: &Source,
+        at_source: Vec2,
+        target: &Target,
+        at_target: (f32, f32),
+        density: f32,
+        key: Key,
+        harvest: &mut Harvest,
+    ) {
+        let tracer = self.lights.tracer();
+        let scene = tracer.scene();
+        let at = target.at(at_target.0, at_target.1);
+        if scene.is_cut_out(target.triangle, at) {
+            return;
+        }
+        let position = scene.position(target.triangle, at);
+        let plane = tracer.planes().of(target.triangle);
+        let Some(beam) = source.connect(self.lights, at_source, position, target.normal, plane) else {
+            return;
+        };
+        // The walk carries a colour, the deposits take the strength.
+        let strength = beam.power.max_element() / density;
+        let color = beam.power / beam.power.max_element();
+
+        // The first deviating event: what goes straight on belongs to other terms.
+        let direction = beam.direction;
+        let back = direction.dot(target.normal) > 0.0;
+        let hit = Hit { t: 0.0, triangle: target.triangle, at, back };
+        let interaction = tracer.interact(direction, &hit, source.media);
+        let ways = || interaction.branches().iter().filter(|b| b.event != Event::Undeviated);
+        let going_on: Rgb = ways().map(|b| b.throughput).sum();
+        let total: f32 = ways().map(|b| (color * b.throughput).max_element()).sum();
+        if total <= 0.0 {
+            return;
+        }
+        let mut pick = key.uniform(0) * total;
+        let mut chosen = None;
+        for branch in ways() {
+            let share = (color * branch.throughput).max_element();
+            if share > 0.0 {
+                chosen = Some((branch, share / total));
+                if pick < share {
+                    break;
+                }
+                pick -= share;
+            }
+        }
+        let Some((branch, probability)) = chosen else { return };
+        let unweighted = color * branch.throughput / probability;
+        let throughput = unweighted * interaction.adjoint_factor(direction, branch.direction);
+        let mut chain = Chain::DIRECT;
+        chain.push(branch.event);
+        let mut ledger = Ledger::default();
+        ledger.roulette += (color * going_on - unweighted).as_dvec3();
+        ledger.shading += (unweighted - throughput).as_dvec3();
+
+        let ray = Ray { origin: position, direction: branch.direction, from: plane };
+        let (mut deposited, mut elsewhere) = (DVec3::ZERO, DVec3::ZERO);
+        let arrive = |arrival: &Arrival| {
+            if arrival.interaction.receives <= 0.0 {
+                return;
+            }
+            let kept = arrival.throughput * (Rgb::ONE - arrival.interaction.passed_on());
+            let ours = self.lights.owner(Origin::Concentrated, arrival.chain) == Owner::LightRays;
+            if ours && self.deposit(arrival, strength, harvest) {
+                deposited += kept.as_dvec3();
+            } else {
+                elsewhere += kept.as_dvec3();
+            }
+        };
+        walk::choose_after(
+            tracer,
+            ray,
+            branch.media,
+            throughput,
+            chain,
+            key.child(1),
+            &self.walk,
+            &mut ledger,
+            arrive,
+        );
+        let scale = f64::from(strength);
+        harvest.sent += (color * going_on).as_dvec3() * scale;
+        harvest.deposited += deposited * scale;
+        harvest.elsewhere += elsewhere * scale;
+        harvest.ledger.add(&ledger.scaled(scale));
+    }
+
+    /// Stores irradiance × area of an arrival; false where nothing is stored.
+    fn deposit(&self, arrival: &Arrival, strength: f32, harvest: &mut Harvest) -> bool {
+        let tracer = self.lights.tracer();
+        let interaction = arrival.interaction;
+        let triangle = arrival.hit.triangle;
+        let Some(located) = self.base.mesh.locate(triangle, interaction.side, arrival.position) else {
+            return false;
+        };
+        // Irradiance is counted with the cosine of the interpolated normal, power arrives with that of the geometry.
+        let geometric = -arrival.direction.dot(interaction.geometric);
+        let shading = -arrival.direction.dot(interaction.normal);
+        if geometric <= 0.0 || shading <= 0.0 {
+            return false;
+        }
+        // Stored irradiance knows the coat, but not how much of the surface is there.
+        let scene = tracer.scene();
+        let opacity = match scene.material_of(triangle).alpha_mode {
+            AlphaMode::Blend => scene.surface_point(triangle, arrival.hit.at).opacity,
+            _ => 1.0,
+        };
+        let factor = strength * interaction.receives * shading / (geometric * opacity);
+        let root = self.base.roots[located.element as usize];
+        let code = code_of(self.draft, &self.base.mesh, root, &located, arrival.position);
+        harvest.deposits.push(Deposit { code, power: arrival.throughput * factor });
+        true
+    }
+}
+
+impl Harvest {
+    /// Adds what another range of rays brought.
+    pub(super) fn add(&mut self, mut other: Harvest) {
+        self.deposits.append(&mut other.deposits);
+        self.sent += other.sent;
+        self.deposited += other.deposited;
+        self.elsewhere += other.elsewhere;
+        self.ledger.add(&other.ledger);
+    }
+}
+
+/// Sequences of one series of rays.
+struct Keys {
+    source: Key,
+    target: Key,
+    walk: Key,
+}
+
+impl Keys {
+    fn new(seed: u32, series: u32) -> Self {
+        let key = Key::new(seed, Purpose::LightRay, u64::from(series));
+        Self { source: key.child(0), target: key.child(1), walk: key.child(2) }
+    }
+}

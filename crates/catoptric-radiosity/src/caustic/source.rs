@@ -1,0 +1,301 @@
+//! What light is sent from: lamps in groups, punctual lights, bright parts of the sky.
+
+use glam::{DVec3, Vec2, Vec3};
+
+use catoptric_light::Lights;
+use catoptric_scene::{PunctualKind, Rgb, Sky};
+use catoptric_trace::sequence::{Key, Purpose, uniform_sphere};
+use catoptric_trace::{MediumId, MediumStack, PlaneId};
+
+use crate::caustic::table::Table;
+use crate::caustic::target::Target;
+use crate::media::{has_solids, vote};
+
+/// A group of like sources.
+#[derive(Clone, Debug)]
+pub(super) struct Source {
+    kind: Kind,
+    /// A ball around it; for sources at infinity the mean direction towards them, and the sine of the largest angle.
+    center: Vec3,
+    radius: f32,
+    /// Cone of the normals of emitting sides.
+    axis: Vec3,
+    cos_cone: f32,
+    /// Σ over channels of radiance × area, intensity, or radiance × solid angle.
+    strength: f32,
+    pub(super) media: MediumStack,
+}
+
+#[derive(Clone, Debug)]
+enum Kind {
+    /// Emitter cells from `first` on, chosen by power; of a single one the part (s, t) ∈ `low` + `size`·[0, 1)².
+    Cells { first: u32, table: Table, low: Vec2, size: Vec2 },
+    /// A punctual light.
+    Punctual(u32),
+    /// Bright texels by power.
+    Texels { members: Vec<u32>, table: Table },
+}
+
+/// Light on its way to a point of a target.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Beam {
+    pub(super) direction: Vec3,
+    /// Power per area of the target, over the density with which the point of the source was chosen.
+    pub(super) power: Rgb,
+}
+
+/// Groups of sources times targets, at most.
+const MAX_TABLE: usize = 4_000_000;
+const MAX_SOURCES: usize = 64;
+/// Cells are cut until they are this small against their distance from the targets.
+const CELL_RATIO: f32 = 0.25;
+
+/// All sources that are concentrated.
+pub(super) fn collect(lights: &Lights, targets: &[Target], seed: u32) -> Vec<Source> {
+    let mut sources = Vec::new();
+    let limit = (MAX_TABLE / targets.len().max(1)).clamp(1, MAX_SOURCES);
+    cells(lights, targets, limit, &mut sources);
+    punctual(lights, &mut sources);
+    texels(lights, limit.min(16), &mut sources);
+    if has_solids(lights.tracer()) {
+        for (index, source) in sources.iter_mut().enumerate() {
+            source.find_medium(lights, Key::new(seed, Purpose::LightRay, index as u64 | 1 << 40));
+        }
+    }
+    sources
+}
+
+fn cells(lights: &Lights, targets: &[Target], limit: usize, sources: &mut Vec<Source>) {
+    let cells = lights.emitters().cells();
+    let per_group = cells.len().div_ceil(limit).max(1);
+    let parts = (limit / cells.len().max(1)).max(1);
+    for (group, members) in cells.chunks(per_group).enumerate() {
+        let first = (group * per_group) as u32;
+        let table = Table::new(members.iter().map(|c| c.radiance.element_sum() * c.area as f32));
+        let corners = || members.iter().flat_map(|c| c.polygon().corners().to_vec());
+        let count = corners().count() as f64;
+        let center = corners().sum::<DVec3>() / count;
+        let radius = corners().map(|c| (c - center).length()).fold(0.0, f64::max);
+        let axis = members.iter().map(|c| c.normal * c.area).sum::<DVec3>().normalize_or_zero();
+        let cos_cone = members.iter().map(|c| c.normal.dot(axis)).fold(1.0, f64::min) as f32;
+        let whole = Source {
+            center: center.as_vec3(),
+            radius: radius as f32,
+            axis: axis.as_vec3(),
+            cos_cone: if axis == DVec3::ZERO { -1.0 } else { cos_cone },
+            strength: members.iter().map(|c| c.radiance.element_sum() * c.area as f32).sum(),
+            media: MediumStack::AIR,
+            kind: Kind::Cells { first, table, low: Vec2::ZERO, size: Vec2::ONE },
+        };
+        let outline = members[0].polygon().corners().to_vec();
+        if members.len() > 1 || outline.len() != 4 {
+            sources.push(whole);
+            continue;
+        }
+        // A large lamp is cut into a grid.
+        let near = targets.iter().map(|t| (t.center - whole.center).length() - t.radius);
+        let near = near.fold(f32::INFINITY, f32::min).max(0.25 * whole.radius);
+        let wanted = (whole.radius / (CELL_RATIO * near)).ceil();
+        let [a, b] = [outline[1] - outline[0], outline[3] - outline[0]].map(|e| e.length() as f32);
+        let cut = |length: f32| (wanted * length / a.max(b)).ceil().clamp(1.0, (parts as f32).sqrt().floor());
+        let grid = Vec2::new(cut(a), cut(b));
+        for i in 0..grid.x as u32 {
+            for j in 0..grid.y as u32 {
+                let size = 1.0 / grid;
+                let low = Vec2::new(i as f32, j as f32) * size;
+                let middle = low + 0.5 * size;
+                let center = members[0].point(f64::from(middle.x), f64::from(middle.y)).as_vec3();
+                let mut part = whole.clone();
+                part.center = center;
+                part.radius = 0.5 * Vec2::new(a * size.x, b * size.y).length() * 1.5;
+                part.strength *= size.x * size.y;
+                if let Kind::Cells { low: l, size: s, .. } = &mut part.kind {
+                    (*l, *s) = (low, size);
+                }
+                sources.push(part);
+            }
+        }
+    }
+}
+
+fn punctual(lights: &Lights, sources: &mut Vec<Source>) {
+    for (index, light) in lights.tracer().scene().lights().iter().enumerate() {
+        let directional = light.kind == PunctualKind::Directional;
+        sources.push(Source {
+            kind: Kind::Punctual(index as u32),
+            center: if directional { -light.direction } else { light.position },
+            radius: 0.0,
+            axis: Vec3::ZERO,
+            cos_cone: -1.0,
+            strength: light.intensity.element_sum(),
+            media: MediumStack::AIR,
+        });
+    }
+}
+
+/// Bright texels, grouped by octant and row so that a group lies close together.
+fn texels(lights: &Lights, limit: usize, sources: &mut Vec<Source>) {
+    let texels = lights.bright_sky().texels();
+    if texels.is_empty() {
+        return;
+    }
+    let mut order: Vec<u32> = (0..texels.len() as u32).collect();
+    let octant = |i: u32| {
+        let d = texels[i as usize].direction;
+        u32::from(d.x < 0.0) | u32::from(d.y < 0.0) << 1 | u32::from(d.z < 0.0) << 2
+    };
+    order.sort_by_key(|&i| (octant(i), i));
+    let per_group = order.len().div_ceil(limit);
+    for members in order.chunks(per_group) {
+        let weight = |i: &u32| texels[*i as usize].power.element_sum();
+        let mean: Vec3 = members.iter().map(|i| texels[*i as usize].direction * weight(i)).sum();
+        let axis = mean.try_normalize().unwrap_or(Vec3::Y);
+        let cos = members.iter().map(|i| texels[*i as usize].direction.dot(axis)).fold(1.0, f32::min);
+        // A texel of an image 64 rows high spans 0.05 rad: directions lie beside centres.
+        let spread = (1.0 - cos * cos).max(0.0).sqrt() + 0.05;
+        sources.push(Source {
+            kind: Kind::Texels { members: members.to_vec(), table: Table::new(members.iter().map(weight)) },
+            center: axis,
+            radius: if cos <= 0.2 { 2.0 } else { spread },
+            axis: Vec3::ZERO,
+            cos_cone: -1.0,
+            strength: members.iter().map(weight).sum(),
+            media: MediumStack::AIR,
+        });
+    }
+}
+
+impl Source {
+    fn is_infinite(&self, lights: &Lights) -> bool {
+        match &self.kind {
+            Kind::Cells { .. } => false,
+            Kind::Punctual(index) => {
+                lights.tracer().scene().lights()[*index as usize].kind == PunctualKind::Directional
+            }
+            Kind::Texels { .. } => true,
+        }
+    }
+
+    /// Power that a target gets, about: zero only where nothing gets there.
+    pub(super) fn importance(&self, lights: &Lights, target: &Target) -> f32 {
+        let size = self.strength * target.strength * target.area;
+        if self.is_infinite(lights) {
+            // A ball far away in that direction.
+            let far = target.center + self.center * 1e3;
+            return size * target.cosine_bound(far, self.radius * 1e3, MediumId::AIR);
+        }
+        let medium = self.media.current();
+        let there = target.cosine_bound(self.center, self.radius, medium);
+        let offset = target.center - self.center;
+        let reach = self.radius + target.radius;
+        let distance = offset.length().max(0.5 * reach).max(f32::MIN_POSITIVE);
+        let falloff = match &self.kind {
+            Kind::Punctual(index) => {
+                let light = &lights.tracer().scene().lights()[*index as usize];
+                let towards = offset / distance;
+                // A cone may end within the target.
+                let inside = light.intensity_towards(towards).element_sum();
+                let slack = (target.radius / distance).min(1.0);
+                (inside / self.strength.max(f32::MIN_POSITIVE)).max(slack)
+            }
+            _ => {
+                // The cone of normals widens the cosine, the extents do as well.
+                let cos = self.axis.dot(offset) / distance;
+                let sin = (1.0 - cos * cos).max(0.0).sqrt();
+                let sin_cone = (1.0 - self.cos_cone * self.cos_cone).max(0.0).sqrt();
+                let widened = if cos >= self.cos_cone { 1.0 } else { cos * self.cos_cone + sin * sin_cone };
+                (widened + reach / distance).clamp(0.0, 1.0)
+            }
+        };
+        size * there * falloff / (distance * distance)
+    }
+
+    /// A point of the source by `at` ∈ [0, 1)², and what it sends straight to a point of a target's plane.
+    pub(super) fn connect(
+        &self,
+        lights: &Lights,
+        at: Vec2,
+        point: Vec3,
+        normal: Vec3,
+        plane: PlaneId,
+    ) -> Option<Beam> {
+        let tracer = lights.tracer();
+        match &self.kind {
+            Kind::Cells { first, table, low, size } => {
+                let (member, probability, left) = table.pick(at.x);
+                let cell = &lights.emitters().cells()[*first as usize + member];
+                let s = *low + Vec2::new(left, at.y) * *size;
+                let origin = cell.point(f64::from(s.x), f64::from(s.y));
+                let offset = point.as_dvec3() - origin;
+                let r2 = offset.length_squared();
+                let distance = r2.sqrt();
+                let direction = offset / distance;
+                let sent = cell.normal.dot(direction) * direction.dot(normal.as_dvec3()).abs() / r2;
+                if !(sent > 0.0 && sent.is_finite()) {
+                    return None;
+                }
+                let area = cell.area * f64::from(size.x * size.y);
+                let radiance = cell.radiance_at(tracer, origin);
+                let seen = tracer.visibility(origin.as_vec3(), cell.plane, point, plane);
+                let medium = tracer.media().transmittance(self.media.current(), distance as f32);
+                let power = radiance * seen * medium * (sent * area / f64::from(probability)) as f32;
+                beam(direction.as_vec3(), power)
+            }
+            Kind::Punctual(index) => {
+                let light = &tracer.scene().lights()[*index as usize];
+                if light.kind == PunctualKind::Directional {
+                    let seen = tracer.visibility_to_infinity(point, plane, -light.direction);
+                    let power = light.intensity * seen * light.direction.dot(normal).abs();
+                    return beam(light.direction, power);
+                }
+                let offset = point - light.position;
+                let r2 = offset.length_squared();
+                let direction = offset.try_normalize()?;
+                let sent = light.intensity_towards(direction) * (direction.dot(normal).abs() / r2);
+                if sent.max_element() <= 0.0 {
+                    return None;
+                }
+                let seen = tracer.visibility(light.position, PlaneId::NONE, point, plane);
+                let medium = tracer.media().transmittance(self.media.current(), r2.sqrt());
+                beam(direction, sent * seen * medium)
+            }
+            Kind::Texels { members, table } => {
+                let Some(Sky::Image(map)) = tracer.scene().sky() else { return None };
+                let (member, probability, left) = table.pick(at.x);
+                let texel = &lights.bright_sky().texels()[members[member] as usize];
+                let towards = lights.bright_sky().direction_in(map, texel, left, at.y);
+                let seen = tracer.visibility_to_infinity(point, plane, towards);
+                let power = texel.power * seen * (towards.dot(normal).abs() / probability);
+                beam(-towards, power)
+            }
+        }
+    }
+
+    /// Lamps may stand in water or glass.
+    fn find_medium(&mut self, lights: &Lights, key: Key) {
+        if self.is_infinite(lights) {
+            return;
+        }
+        let direction = |index: u32| {
+            let direction = uniform_sphere(key.point2(index));
+            if direction.dot(self.axis) < 0.0 { -direction } else { direction }
+        };
+        let (origin, from) = match &self.kind {
+            Kind::Cells { first, low, size, .. } => {
+                let cell = &lights.emitters().cells()[*first as usize];
+                let middle = *low + 0.5 * *size;
+                (cell.point(f64::from(middle.x), f64::from(middle.y)).as_vec3(), cell.plane)
+            }
+            _ => (self.center, PlaneId::NONE),
+        };
+        let medium = vote(lights.tracer(), origin, from, direction);
+        if medium != MediumId::AIR {
+            self.media = MediumStack::inside(medium);
+        }
+    }
+}
+
+#[inline]
+fn beam(direction: Vec3, power: Rgb) -> Option<Beam> {
+    (power.max_element() > 0.0).then_some(Beam { direction, power })
+}

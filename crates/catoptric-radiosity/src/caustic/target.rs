@@ -1,0 +1,148 @@
+//! Where light is sent: the specular geometry, in pieces small enough that one importance serves each.
+
+use glam::Vec3;
+
+use catoptric_scene::{Barycentric, Material, Transmission, TriangleId};
+use catoptric_trace::{MediumId, Tracer};
+
+/// A triangle of the specular geometry, or a part of one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Target {
+    pub(super) triangle: TriangleId,
+    /// Its corners in the triangle.
+    corners: [(f32, f32); 3],
+    pub(super) center: Vec3,
+    pub(super) radius: f32,
+    /// Unit normal of the front.
+    pub(super) normal: Vec3,
+    pub(super) area: f32,
+    pub(super) sides: Sides,
+    /// Share of the power that it deviates, roughly: for importance only.
+    pub(super) strength: f32,
+}
+
+/// From where a target acts on light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Sides {
+    Front,
+    Both,
+    /// A border of glass: from its inside only for light that is there.
+    Solid(MediumId),
+}
+
+/// Parts have at most this share of the specular area.
+const LARGEST_SHARE: f32 = 1.0 / 1024.0;
+/// Share that coats and panes reflect over the hemisphere, about: importance only.
+const WEAK_STRENGTH: f32 = 0.1;
+
+impl Target {
+    /// The point of barycentric coordinates (u, v) of this part.
+    #[inline]
+    pub(super) fn at(&self, u: f32, v: f32) -> Barycentric {
+        let [a, b, c] = self.corners;
+        let w = 1.0 - u - v;
+        Barycentric { u: a.0 * w + b.0 * u + c.0 * v, v: a.1 * w + b.1 * u + c.1 * v }
+    }
+
+    /// Upper bound of the cosine at the target towards a ball, zero only where no point of either sees the other.
+    #[inline]
+    pub(super) fn cosine_bound(&self, center: Vec3, radius: f32, medium: MediumId) -> f32 {
+        let offset = center - self.center;
+        let distance = offset.length().max(f32::MIN_POSITIVE);
+        let height = self.normal.dot(offset) / distance;
+        let height = match self.sides {
+            Sides::Front => height,
+            Sides::Both => height.abs(),
+            Sides::Solid(inside) if inside == medium => -height,
+            Sides::Solid(_) => height,
+        };
+        (height + radius / distance).clamp(0.0, 1.0)
+    }
+}
+
+fn is_solid(material: &Material) -> bool {
+    material.transmission > 0.0 && material.transmission_kind == Transmission::Solid
+}
+
+/// All parts of the specular geometry along a space-filling curve; none if nothing is curved or refracting.
+pub(super) fn collect(tracer: &Tracer) -> Vec<Target> {
+    let scene = tracer.scene();
+    let deviates = |m: &Material| {
+        let smooth = m.may_be_specular();
+        let only_alpha = m.transmission <= 0.0
+            && m.clearcoat <= 0.0
+            && m.metallic <= 0.0
+            && m.specular <= 0.0
+            && m.metallic_roughness_texture.is_none();
+        smooth && !only_alpha
+    };
+    let specular: Vec<TriangleId> = (0..scene.triangles().len() as u32)
+        .map(TriangleId)
+        .filter(|&t| deviates(scene.material_of(t)))
+        .collect();
+    let bends = |t: TriangleId| is_solid(scene.material_of(t)) || tracer.image_plane(t).is_none();
+    if !specular.iter().any(|&t| bends(t)) {
+        return Vec::new();
+    }
+    let total: f64 = specular.iter().map(|&t| f64::from(scene.area(t))).sum();
+    let largest = total as f32 * LARGEST_SHARE;
+    let mut targets = Vec::with_capacity(specular.len());
+    for triangle in specular {
+        let material = scene.material_of(triangle);
+        let (sides, strength) = if is_solid(material) {
+            (Sides::Solid(MediumId::inside(scene.material_id_of(triangle))), 1.0)
+        } else {
+            let sides = if tracer.has_back(triangle) { Sides::Both } else { Sides::Front };
+            (sides, if material.metallic > 0.0 { 1.0 } else { WEAK_STRENGTH })
+        };
+        let whole = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)];
+        push_parts(tracer, &mut targets, triangle, whole, scene.area(triangle), largest, sides, strength);
+    }
+    sort_along_curve(tracer, &mut targets);
+    targets
+}
+
+fn push_parts(
+    tracer: &Tracer,
+    targets: &mut Vec<Target>,
+    triangle: TriangleId,
+    corners: [(f32, f32); 3],
+    area: f32,
+    largest: f32,
+    sides: Sides,
+    strength: f32,
+) {
+    let scene = tracer.scene();
+    let [a, b, c] = corners;
+    if area > largest {
+        let middle = |p: (f32, f32), q: (f32, f32)| (0.5 * (p.0 + q.0), 0.5 * (p.1 + q.1));
+        let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+        for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
+            push_parts(tracer, targets, triangle, part, 0.25 * area, largest, sides, strength);
+        }
+        return;
+    }
+    let [p, q, r] = corners.map(|(u, v)| scene.position(triangle, Barycentric { u, v }));
+    let center = (p + q + r) / 3.0;
+    let radius = (p - center).length().max((q - center).length()).max((r - center).length());
+    let normal = scene.geometric_normal(triangle);
+    targets.push(Target { triangle, corners, center, radius, normal, area, sides, strength });
+}
+
+/// Morton order of the centres: neighbours in the list are neighbours in space, so that a stratum of the list is one.
+fn sort_along_curve(tracer: &Tracer, targets: &mut [Target]) {
+    let low = tracer.center() - Vec3::splat(0.5 * tracer.diagonal());
+    let scale = 1023.0 / tracer.diagonal().max(f32::MIN_POSITIVE);
+    let spread = |x: f32| {
+        let mut x = x.clamp(0.0, 1023.0) as u32;
+        x = (x | x << 16) & 0x0300_00ff;
+        x = (x | x << 8) & 0x0300_f00f;
+        x = (x | x << 4) & 0x030c_30c3;
+        (x | x << 2) & 0x0924_9249
+    };
+    let code = |t: &Target| {
+        let p = (t.center - low) * scale;
+        spread(p.x) << 2 | spread(p.y) << 1 | spread(p.z)
+    };
+    targets.sort_by_cached_key(code);
+}
