@@ -65,6 +65,8 @@ pub struct Draft {
     /// Corners of each base triangle.
     pub base: Vec<[u32; 3]>,
     midpoints: HashMap<(u32, u32), u32>,
+    /// A face that holds an edge, on curved surfaces: its ends alone may belong to other triangles.
+    curved_edges: HashMap<(u32, u32), u32>,
     marked: std::collections::HashSet<(u32, u32)>,
 }
 
@@ -217,6 +219,7 @@ impl Draft {
                 self.vertices.len() as u32 - 1
             })
         });
+        self.note_edges(face as u32, vertices);
         let root = self.leaves.len() as u32;
         self.leaves.push(Leaf { vertices, face: face as u32, root, level: 0 });
     }
@@ -278,6 +281,12 @@ impl Draft {
         edges
     }
 
+    fn note_edges(&mut self, face: u32, [a, b, c]: [u32; 3]) {
+        for (p, q) in [(a, b), (b, c), (c, a)] {
+            self.curved_edges.entry(edge(p, q)).or_insert(face);
+        }
+    }
+
     /// The vertex that halves an edge, made if it does not exist.
     pub fn midpoint(&mut self, tracer: &Tracer, a: u32, b: u32) -> u32 {
         if let Some(&known) = self.midpoints.get(&edge(a, b)) {
@@ -286,20 +295,24 @@ impl Draft {
         let (a, b) = edge(a, b);
         let (p, q) = (self.vertices[a as usize], self.vertices[b as usize]);
         let position = (p.position + q.position) * 0.5;
-        let face = &self.faces[p.face.min(q.face) as usize];
-        let (triangle, normal) = if face.curved {
-            (face.triangles[0], (p.normal + q.normal).try_normalize().unwrap_or(p.normal))
+        let on = self.curved_edges.get(&(a, b)).copied().unwrap_or(p.face.min(q.face));
+        let face = &self.faces[on as usize];
+        let (triangle, normal, sample) = if face.curved {
+            let triangle = face.triangles[0];
+            let corners = tracer.scene().corners(triangle);
+            let center = (corners[0] + corners[1] + corners[2]) / 3.0;
+            let normal = (p.normal + q.normal).try_normalize().unwrap_or(p.normal);
+            (triangle, normal, position.lerp(center, INSET))
         } else {
-            (face.triangle_at(tracer, position), p.normal)
+            // Insets are inherited: the mean of the parents' gathering points lies inside where they do.
+            (face.triangle_at(tracer, position), p.normal, (p.sample + q.sample) * 0.5)
         };
-        // Insets are inherited: the mean of the parents' gathering points lies inside where they do.
-        let sample = (p.sample + q.sample) * 0.5;
         let index = self.vertices.len() as u32;
         self.vertices.push(DraftVertex {
             position,
             sample,
             normal,
-            face: p.face.min(q.face),
+            face: on,
             triangle,
             parents: Some([a, b]),
         });
@@ -351,6 +364,9 @@ impl Draft {
                     self.midpoint(tracer, p, q)
                 });
                 for vertices in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
+                    if self.faces[leaf.face as usize].curved {
+                        self.note_edges(leaf.face, vertices);
+                    }
                     leaves.push(Leaf { vertices, level: leaf.level + 1, ..leaf });
                 }
             }
