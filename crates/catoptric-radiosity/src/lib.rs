@@ -12,6 +12,7 @@ pub mod media;
 pub mod patch;
 pub mod refine;
 pub mod rows;
+pub mod sharing;
 pub mod solve;
 pub mod solver;
 pub mod triangulate;

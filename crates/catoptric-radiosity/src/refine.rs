@@ -4,6 +4,7 @@ use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::Tracer;
 
 use crate::draft::Draft;
+use crate::sharing::Sharing;
 
 /// When an edge is fine enough.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,6 +35,8 @@ pub trait Field: Sync {
 pub struct Values {
     /// Per draft vertex.
     pub values: Vec<Rgb>,
+    /// Which of them are evaluated for others.
+    pub sharing: Sharing,
 }
 
 impl Values {
@@ -49,16 +52,71 @@ impl Values {
         let fresh: Vec<Rgb> = (first..draft.vertices.len() as u32)
             .into_par_iter()
             .with_min_len(16)
-            .map(|vertex| if progress.is_cancelled() { Rgb::ZERO } else { field.evaluate(draft, vertex) })
+            .map(|vertex| {
+                let asked = self.sharing.is_asked(vertex) && !progress.is_cancelled();
+                if asked { field.evaluate(draft, vertex) } else { Rgb::ZERO }
+            })
             .collect();
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
         progress.advance(fresh.len() as u64);
         self.values.extend(fresh);
+        if first == 0 {
+            self.fill();
+        }
+        Ok(())
+    }
+
+    fn fill(&mut self) {
+        self.sharing.fill(&mut self.values, |parts| parts.map(|(value, weight)| value * weight).sum());
+    }
+
+    /// Where what is shared differs from one neighbour to the next, every vertex is evaluated: the worst first, as far
+    /// as the budget goes.
+    fn resolve(
+        &mut self,
+        draft: &Draft,
+        field: &dyn Field,
+        params: &RefineParams,
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
+        use rayon::prelude::*;
+        let floor = params.floor * mean(draft, &self.values);
+        let mut worst = vec![0.0_f32; self.values.len()];
+        for (a, b) in draft.edges() {
+            if self.sharing.shares(a) && self.sharing.shares(b) {
+                let [p, q] = [a, b].map(|v| self.values[v as usize]);
+                let light = (p + q) * 0.5 + Rgb::splat(floor.max(f32::MIN_POSITIVE));
+                let relative = ((p - q).abs() / light).max_element();
+                for v in [a, b] {
+                    worst[v as usize] = worst[v as usize].max(relative);
+                }
+            }
+        }
+        let mut doubtful: Vec<u32> = (0..self.values.len() as u32)
+            .filter(|&v| !self.sharing.is_asked(v) && worst[v as usize] > DOUBTFUL * params.tolerance)
+            .collect();
+        doubtful.sort_by(|&a, &b| worst[b as usize].total_cmp(&worst[a as usize]).then(a.cmp(&b)));
+        doubtful.truncate(params.max_vertices);
+        let found: Vec<Rgb> = doubtful
+            .par_iter()
+            .with_min_len(16)
+            .map(|&v| if progress.is_cancelled() { Rgb::ZERO } else { field.evaluate(draft, v) })
+            .collect();
+        if progress.is_cancelled() {
+            return Err(Cancelled);
+        }
+        for (&vertex, value) in doubtful.iter().zip(found) {
+            self.values[vertex as usize] = value;
+            self.sharing.ask(vertex);
+        }
         Ok(())
     }
 }
+
+/// Neighbours that differ by this multiple of the tolerance do not share.
+const DOUBTFUL: f32 = 2.0;
 
 /// Splits edges until the field is as good as `params` asks for.
 pub fn refine(
@@ -70,7 +128,19 @@ pub fn refine(
     progress: &dyn Progress,
 ) -> Result<(), Cancelled> {
     values.extend(draft, field, progress)?;
+    if mean(draft, &values.values) <= 0.0 {
+        return Ok(());
+    }
+    values.resolve(draft, field, params, progress)?;
+    let cell = values.sharing.cell();
+    let fine = |a: u32, b: u32, length: f32| {
+        values.sharing.shares(a) && values.sharing.shares(b) && length < 2.0 * cell
+    };
     let mut candidates = draft.edges();
+    candidates.retain(|&(a, b)| {
+        let [p, q] = [a, b].map(|v| draft.vertices[v as usize].position);
+        !fine(a, b, (q - p).length())
+    });
     for round in 0..params.rounds {
         // What is the scale of this light? The area-weighted mean of the vertices so far.
         let floor = params.floor * mean(draft, &values.values);
@@ -99,7 +169,7 @@ pub fn refine(
             })
             .collect();
         if round < params.inside_rounds {
-            marks.extend(test_inside(draft, field, &values.values, floor, params, round));
+            marks.extend(test_inside(draft, field, values, floor, params, round));
         }
         // The worst first, as far as the budget goes: each split edge makes about two vertices, and half of what is
         // left is kept for later rounds, where shadows get their edges.
@@ -135,7 +205,7 @@ const INSIDE: [[f32; 3]; 3] = [[0.62, 0.19, 0.19], [0.19, 0.62, 0.19], [0.19, 0.
 fn test_inside(
     draft: &Draft,
     field: &dyn Field,
-    values: &[Rgb],
+    values: &Values,
     floor: f32,
     params: &RefineParams,
     round: u32,
@@ -148,14 +218,17 @@ fn test_inside(
         .with_min_len(16)
         .filter(|(_, leaf)| u32::from(leaf.level) >= round)
         .flat_map_iter(|(index, leaf)| {
-            let corners = leaf.vertices.map(|v| values[v as usize]);
+            let corners = leaf.vertices.map(|v| values.values[v as usize]);
             let longest = (0..3)
                 .map(|k| {
                     let [a, b] = [k, (k + 1) % 3].map(|i| draft.vertices[leaf.vertices[i] as usize].position);
                     (b - a).length()
                 })
                 .fold(0.0, f32::max);
-            let worst = INSIDE
+            let shared = leaf.vertices.iter().all(|&v| values.sharing.shares(v));
+            let fine = if shared { 2.0 * values.sharing.cell() } else { 0.0 };
+            let tested = if longest > params.min_edge.max(fine) { &INSIDE[..] } else { &[] };
+            let worst = tested
                 .iter()
                 .map(|weights| {
                     let foretold =
@@ -166,7 +239,7 @@ fn test_inside(
                 })
                 .fold(0.0, f32::max);
             // What a linear interpolant misses at these points is most of what it misses at an edge's middle.
-            let marked = worst > 2.0 * params.tolerance && longest > params.min_edge;
+            let marked = worst > 2.0 * params.tolerance;
             let vertices = leaf.vertices;
             (0..if marked { 3 } else { 0 }).map(move |k| {
                 let (a, b) = (vertices[k], vertices[(k + 1) % 3]);

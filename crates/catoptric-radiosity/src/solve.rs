@@ -18,6 +18,7 @@ use crate::media::find_media;
 use crate::patch::{PatchId, PatchMesh};
 use crate::refine::{Field, RefineParams, Values, refine};
 use crate::rows::{PatchLocator, Row, rows};
+use crate::sharing::Sharing;
 use crate::solver::{SolverParams, solve_patches};
 
 /// Parameters of pass one.
@@ -197,6 +198,13 @@ impl Field for SourceField<'_> {
     }
 }
 
+/// Vertices of fine meshes share samples of sources, and gathers, in cubes of this multiple of the spacing.
+const SOURCE_CELL: f32 = 0.25;
+/// … and gathers in cubes of this.
+const GATHER_CELL: f32 = 0.5;
+/// Groups that share, per vertex of the budget, at most.
+const SHARED_PER_VERTEX: usize = 4;
+
 /// Solves the light of a scene.
 pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> Result<Solved, Cancelled> {
     let mut report = SolveReport::default();
@@ -224,17 +232,31 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     // Light that sources send, refined where it varies.
     progress.begin("sources", params.sources.max_vertices as u64);
     let field = SourceField { lights: &lights, params, found: std::sync::Mutex::default() };
-    let mut values = Values { values: Vec::new() };
     let base_vertices = draft.vertices.len();
+    let budget = SHARED_PER_VERTEX * params.sources.max_vertices;
+    let sharing = Sharing::new(&draft, spacing, SOURCE_CELL * spacing, budget, &[]);
+    let mut values = Values { values: Vec::new(), sharing };
     let source_params = RefineParams {
         min_edge: tracer.diagonal() / 2000.0,
         max_vertices: params.sources.max_vertices + base_vertices,
         ..params.sources
     };
-    refine(tracer, &mut draft, &field, &mut values, &source_params, progress)?;
+    if lights.has_sources() || !tracer.scene().lights().is_empty() {
+        refine(tracer, &mut draft, &field, &mut values, &source_params, progress)?;
+    } else {
+        values.values.resize(base_vertices, Rgb::ZERO);
+    }
     let mut sources = collect(&field, draft.vertices.len());
+    values.sharing.fill(&mut sources, |parts| {
+        parts.fold(SourceLight::default(), |sum, (light, weight)| SourceLight {
+            direct: sum.direct + light.direct * weight,
+            mirrored: sum.mirrored + light.mirrored * weight,
+            punctual: sum.punctual + light.punctual * weight,
+            rays: 0,
+        })
+    });
     let displayed = draft.display(tracer);
-    let hidden = hidden_vertices(tracer, &draft, params.seed);
+    let hidden = hidden_vertices(tracer, &draft, &values.sharing, params.seed);
     fit_sources(&lights, &draft, &displayed, &hidden, &mut sources, params, spacing, progress)?;
     for &v in &displayed.origin {
         values.values[v as usize] = sources[v as usize].sum();
@@ -270,8 +292,9 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     // The final gather sees what sources send and the coarse solution first, then what it found at the vertices.
     let coarse = spread(&draft, &patches, &solution.indirect);
     let sight = Sight { displayed: &displayed, draft: &draft, sources: &values.values };
+    let sharing = Sharing::new(&mesh_of_gathers, spacing, GATHER_CELL * spacing, budget, &hidden);
     let gathered =
-        gather_all(&lights, &sight, &coarse, &mesh_of_gathers, &hidden, params, spacing, progress)?;
+        gather_all(&lights, &sight, &coarse, &mesh_of_gathers, &hidden, &sharing, params, spacing, progress)?;
     report.rays = vec![
         ("shadow", sources.iter().map(|s| u64::from(s.rays)).sum()),
         ("rows", patches.len() as u64 * u64::from(params.row_rays)),
@@ -441,14 +464,22 @@ fn spread(draft: &Draft, patches: &PatchMesh, values: &[Rgb]) -> Vec<Rgb> {
 fn refine_near(tracer: &Tracer, draft: &mut Draft, params: &SolveParams, spacing: f32) {
     let mut distances: Vec<f32> = Vec::new();
     for round in 0..params.near_rounds {
-        let first = distances.len() as u32;
-        let fresh: Vec<f32> = (first..draft.vertices.len() as u32)
-            .into_par_iter()
-            .with_min_len(16)
-            .map(|vertex| surroundings(tracer, draft, vertex, params.seed).distance)
-            .collect();
-        distances.extend(fresh);
         let shortest = spacing * 0.5_f32.powi(round as i32 + 1);
+        // Only the ends of edges that may be split are asked.
+        let mut asked = vec![false; draft.vertices.len()];
+        for (a, b) in draft.edges() {
+            let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
+            if (y - x).length() > shortest {
+                asked[a as usize] = true;
+                asked[b as usize] = true;
+            }
+        }
+        distances.resize(draft.vertices.len(), f32::NAN);
+        distances.par_iter_mut().enumerate().with_min_len(16).for_each(|(vertex, distance)| {
+            if asked[vertex] && distance.is_nan() {
+                *distance = surroundings(tracer, draft, vertex as u32, AROUND, params.seed).distance;
+            }
+        });
         let marks: Vec<(u32, u32)> = draft
             .edges()
             .into_iter()
@@ -465,18 +496,25 @@ fn refine_near(tracer: &Tracer, draft: &mut Draft, params: &SolveParams, spacing
     }
 }
 
+/// Rays by which a vertex looks around, and one of a fine mesh.
+const AROUND: u32 = 32;
+const AROUND_FINE: u32 = 8;
+
 /// What a vertex sees first.
-fn surroundings(tracer: &Tracer, draft: &Draft, vertex: u32, seed: u32) -> Surroundings {
+fn surroundings(tracer: &Tracer, draft: &Draft, vertex: u32, rays: u32, seed: u32) -> Surroundings {
     let key = Key::new(seed, Purpose::Hemisphere, u64::from(vertex) | 1 << 41);
-    look_around(tracer, &draft.receiver(tracer, vertex), 32, key)
+    look_around(tracer, &draft.receiver(tracer, vertex), rays, key)
 }
 
 /// Which draft vertices nobody can see: all of their base, then those between two hidden ones.
-fn hidden_vertices(tracer: &Tracer, draft: &Draft, seed: u32) -> Vec<bool> {
+fn hidden_vertices(tracer: &Tracer, draft: &Draft, sharing: &Sharing, seed: u32) -> Vec<bool> {
     let own: Vec<bool> = (0..draft.vertices.len() as u32)
         .into_par_iter()
         .with_min_len(16)
-        .map(|v| draft.vertices[v as usize].parents.is_none() && surroundings(tracer, draft, v, seed).hidden)
+        .map(|v| {
+            let rays = if sharing.shares(v) { AROUND_FINE } else { AROUND };
+            draft.vertices[v as usize].parents.is_none() && surroundings(tracer, draft, v, rays, seed).hidden
+        })
         .collect();
     let mut hidden: Vec<bool> = Vec::with_capacity(own.len());
     for (vertex, own) in draft.vertices.iter().zip(own) {
@@ -577,6 +615,7 @@ fn gather_all(
     coarse: &[Rgb],
     draft: &Draft,
     hidden: &[bool],
+    sharing: &Sharing,
     params: &SolveParams,
     spacing: f32,
     progress: &dyn Progress,
@@ -593,7 +632,8 @@ fn gather_all(
             let refined = draft.leaves[displayed.leaves[element as usize] as usize].level > 0;
             let floor = if refined { 0.5 } else { 0.0 };
             let corners = mesh.elements[element as usize].vertices;
-            let covered = corners.iter().all(|&v| hidden[displayed.origin[v as usize] as usize]);
+            let covered = corners.iter().map(|&v| displayed.origin[v as usize]).all(|v| hidden[v as usize])
+                || corners.iter().all(|&v| sharing.shares(displayed.origin[v as usize]));
             let expected =
                 if covered { 0.0 } else { (params.gather_points * (area / whole).min(1.0)).max(floor) };
             let count = (expected + key.uniform(0)).floor() as u32;
@@ -615,14 +655,23 @@ fn gather_all(
         progress.advance(1);
         result
     };
-    let (vertex_rays, trust) = vertex_budgets(draft, &displayed, hidden, params, whole);
-    let at_vertices: Vec<Gathered> = displayed
+    let (mut vertex_rays, mut trust) = vertex_budgets(draft, &displayed, hidden, params, whole);
+    for (i, &v) in displayed.origin.iter().enumerate().filter(|(_, v)| sharing.shares(**v)) {
+        vertex_rays[i] = if sharing.is_asked(v) { params.vertex_rays } else { 0 };
+        trust[i] = SHARED_TRUST;
+    }
+    let mut at_vertices: Vec<Gathered> = displayed
         .origin
         .par_iter()
         .zip(&vertex_rays)
         .with_min_len(8)
-        .map(|(&v, &rays)| work(&light, &draft.receiver(tracer, v), rays, u64::from(v)))
+        .map(|(&v, &rays)| match rays {
+            0 => Gathered::default(),
+            _ => work(&light, &draft.receiver(tracer, v), rays, u64::from(v)),
+        })
         .collect();
+    let shared = SharedGathers::new(sharing, &displayed);
+    shared.fill(&mut at_vertices);
     let mut known: Vec<Option<Rgb>> = vec![None; draft.vertices.len()];
     for (&v, g) in displayed.origin.iter().zip(&at_vertices).filter(|(v, _)| !hidden[**v as usize]) {
         known[v as usize] = Some(g.direct + g.mirrored + g.caustic + g.indirect);
@@ -638,6 +687,17 @@ fn gather_all(
             work(&light, &receiver, params.gather_rays, index as u64 | 1 << 43)
         })
         .collect();
+    // Shared vertices have no points inside: those that sample for the others gather once more.
+    let again: Vec<Gathered> = sharing
+        .leads()
+        .par_iter()
+        .with_min_len(4)
+        .map(|&v| work(&light, &draft.receiver(tracer, v), params.gather_rays, u64::from(v) | 1 << 45))
+        .collect();
+    for (&lead, gathered) in sharing.leads().iter().zip(again) {
+        at_vertices[shared.shown[lead as usize] as usize] = gathered;
+    }
+    shared.fill(&mut at_vertices);
     if progress.is_cancelled() {
         return Err(Cancelled);
     }
@@ -665,6 +725,42 @@ fn gather_all(
     let rays = vertex_rays.iter().map(|&r| u64::from(r)).sum::<u64>()
         + inside.len() as u64 * u64::from(params.gather_rays);
     Ok(GatheredLight { terms, rays })
+}
+
+/// How much the fit trusts what vertices share: no samples inside speak against it.
+const SHARED_TRUST: f32 = 40.0;
+
+/// Gathers at the vertices of a display mesh, some of which are shared.
+struct SharedGathers<'a> {
+    sharing: &'a Sharing,
+    origin: &'a [u32],
+    /// Display vertex of each draft vertex.
+    shown: Vec<u32>,
+}
+
+impl<'a> SharedGathers<'a> {
+    fn new(sharing: &'a Sharing, displayed: &'a Displayed) -> Self {
+        let count = displayed.origin.iter().max().map_or(0, |v| *v as usize + 1);
+        let mut shown = vec![u32::MAX; count];
+        for (index, &v) in displayed.origin.iter().enumerate() {
+            shown[v as usize] = index as u32;
+        }
+        Self { sharing, origin: &displayed.origin, shown }
+    }
+
+    fn fill(&self, gathered: &mut [Gathered]) {
+        for (index, &v) in self.origin.iter().enumerate().filter(|(_, v)| !self.sharing.is_asked(**v)) {
+            let mut sum = Gathered::default();
+            for &(lead, weight) in self.sharing.parts(v) {
+                let from = &gathered[self.shown[lead as usize] as usize];
+                sum.direct += from.direct * weight;
+                sum.mirrored += from.mirrored * weight;
+                sum.caustic += from.caustic * weight;
+                sum.indirect += from.indirect * weight;
+            }
+            gathered[index] = sum;
+        }
+    }
 }
 
 /// Fills every vertex of the display mesh with every term.

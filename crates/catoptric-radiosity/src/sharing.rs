@@ -1,0 +1,225 @@
+//! Vertices of meshes that are much finer than the light on them share their samples: one of each group is asked, the
+//! others take the mean of the asked ones around them. The cost of pass one follows the area and the budget, not the
+//! triangle count.
+
+use std::collections::HashMap;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::draft::Draft;
+
+/// Which vertices sample for others.
+#[derive(Clone, Debug, Default)]
+pub struct Sharing {
+    /// Per draft vertex: its place in `mixes`; `ASKED` if it samples itself.
+    mix_of: Vec<u32>,
+    /// Asked vertices that a vertex takes its light from, with weights that sum to one.
+    mixes: Vec<Mix>,
+    /// Vertices that others take light from, ascending.
+    leads: Vec<u32>,
+    /// Per draft vertex: it takes or gives.
+    shares: Vec<bool>,
+    cell: f32,
+}
+
+/// Up to four leads with their weights; unused ones weigh nothing.
+type Mix = [(u32, f32); 4];
+
+const ASKED: u32 = u32::MAX;
+
+/// Where vertices must agree to share: place, direction, side and medium.
+type GroupKey = ([i32; 3], [i8; 3], u32);
+
+/// Normals of vertices that share directly are within about half of this (as a difference of unit vectors).
+const NORMAL_STEP: f32 = 0.5;
+/// Leads whose normals turn away further than this cosine do not count for a vertex.
+const MIN_COS: f32 = 0.7;
+/// Flat faces below this share of the spacing squared are details; larger ones are cut at contacts on purpose.
+const DETAIL: f32 = 0.25;
+/// Rounds in which the cells grow until the budget holds.
+const MAX_ROUNDS: u32 = 24;
+
+/// A vertex that samples for its group.
+struct Lead {
+    vertex: u32,
+    position: Vec3,
+    normal: Vec3,
+}
+
+impl Sharing {
+    /// Groups the vertices of fine meshes by cubes of `cell` metres, larger ones if more than `budget` groups came of
+    /// it. `alone`: vertices that neither take nor give.
+    pub fn new(draft: &Draft, spacing: f32, cell: f32, budget: usize, alone: &[bool]) -> Self {
+        let eligible = eligible(draft, spacing, alone);
+        let mut cell = cell;
+        let mut members = group(draft, &eligible, cell);
+        for _ in 0..MAX_ROUNDS {
+            if members.chunk_by(|a, b| a.0 == b.0).count() <= budget {
+                break;
+            }
+            cell *= 1.5;
+            members = group(draft, &eligible, cell);
+        }
+
+        // The member nearest to the middle leads.
+        let mut around: HashMap<([i32; 3], u32), Vec<Lead>> = HashMap::new();
+        let mut led: Vec<(u32, u32)> = Vec::new();
+        for group in members.chunk_by(|a, b| a.0 == b.0) {
+            let position = |m: &(GroupKey, u32)| draft.vertices[m.1 as usize].position;
+            let mean = group.iter().map(position).sum::<Vec3>() / group.len() as f32;
+            let off = |m: &(GroupKey, u32)| (position(m) - mean).length_squared();
+            let nearest = group.iter().min_by(|a, b| off(a).total_cmp(&off(b)).then(a.1.cmp(&b.1)));
+            let vertex = nearest.map_or(group[0].1, |m| m.1);
+            let own = &draft.vertices[vertex as usize];
+            let (place, _, kind) = group[0].0;
+            around.entry((place, kind)).or_default().push(Lead {
+                vertex,
+                position: own.position,
+                normal: own.normal,
+            });
+            led.extend(group.iter().filter(|m| m.1 != vertex).map(|m| (m.1, vertex)));
+        }
+        let mixes: Vec<Mix> =
+            led.par_iter().with_min_len(64).map(|&(v, own)| mix(draft, v, own, cell, &around)).collect();
+
+        let count = draft.vertices.len();
+        let mut sharing =
+            Self { mix_of: vec![ASKED; count], mixes, leads: Vec::new(), shares: vec![false; count], cell };
+        for (index, (&(member, _), mix)) in led.iter().zip(&sharing.mixes).enumerate() {
+            sharing.mix_of[member as usize] = index as u32;
+            sharing.shares[member as usize] = true;
+            sharing.leads.extend(mix.iter().filter(|part| part.1 > 0.0).map(|part| part.0));
+        }
+        sharing.leads.sort_unstable();
+        sharing.leads.dedup();
+        for &lead in &sharing.leads {
+            sharing.shares[lead as usize] = true;
+        }
+        sharing
+    }
+
+    /// Size of the cubes, metres.
+    pub fn cell(&self) -> f32 {
+        self.cell
+    }
+
+    /// The vertices that others take light from.
+    pub fn leads(&self) -> &[u32] {
+        &self.leads
+    }
+
+    /// What a vertex takes its light from; nothing if it is asked itself.
+    pub fn parts(&self, vertex: u32) -> &[(u32, f32)] {
+        match self.mix_of.get(vertex as usize) {
+            None | Some(&ASKED) => &[],
+            Some(&index) => &self.mixes[index as usize],
+        }
+    }
+
+    /// Whether a vertex is asked itself.
+    pub fn is_asked(&self, vertex: u32) -> bool {
+        self.parts(vertex).is_empty()
+    }
+
+    /// Whether a vertex is part of a fine mesh that shares.
+    pub fn shares(&self, vertex: u32) -> bool {
+        self.shares.get(vertex as usize).copied().unwrap_or(false)
+    }
+
+    /// Has a vertex asked itself from now on.
+    pub fn ask(&mut self, vertex: u32) {
+        self.mix_of[vertex as usize] = ASKED;
+    }
+
+    /// Gives every vertex that is not asked the mean of the asked ones around it.
+    pub fn fill<T: Copy>(&self, values: &mut [T], mean: impl Fn(&mut dyn Iterator<Item = (T, f32)>) -> T) {
+        for vertex in 0..values.len().min(self.mix_of.len()) {
+            let parts = self.parts(vertex as u32);
+            if !parts.is_empty() {
+                let value = mean(&mut parts.iter().map(|&(lead, w)| (values[lead as usize], w)));
+                values[vertex] = value;
+            }
+        }
+    }
+}
+
+/// The nearest leads around a vertex that look the same way; its own counts at least a little.
+fn mix(draft: &Draft, member: u32, own: u32, cell: f32, around: &HashMap<([i32; 3], u32), Vec<Lead>>) -> Mix {
+    let at = &draft.vertices[member as usize];
+    let (place, kind) = (place(at.position, cell), kind(draft, member));
+    let mut mix = [(own, 0.0_f32); 4];
+    for offset in 0..27 {
+        let shift = [offset % 3 - 1, offset / 3 % 3 - 1, offset / 9 - 1];
+        let near: [i32; 3] = std::array::from_fn(|i| place[i].saturating_add(shift[i]));
+        for lead in around.get(&(near, kind)).map_or(&[][..], Vec::as_slice) {
+            let along = (at.normal.dot(lead.normal) - MIN_COS) / (1.0 - MIN_COS);
+            let floor = if lead.vertex == own { 1e-3 } else { 0.0 };
+            if along <= 0.0 && floor == 0.0 {
+                continue;
+            }
+            let offset = lead.position - at.position;
+            let inside = 1.0 - offset.length() / (2.0 * cell);
+            // Another layer sees other things.
+            let level = 1.0 - at.normal.dot(offset).abs() / (0.5 * cell);
+            let weight = (inside.max(0.0).powi(2) * level.max(0.0) * along.max(0.0)).max(floor);
+            // The strongest four stay.
+            let mut next = (lead.vertex, weight);
+            for slot in &mut mix {
+                if next.1 > slot.1 {
+                    std::mem::swap(slot, &mut next);
+                }
+            }
+        }
+    }
+    let sum: f32 = mix.iter().map(|part| part.1).sum();
+    if sum > 0.0 {
+        mix.map(|(lead, weight)| (lead, weight / sum))
+    } else {
+        [(own, 1.0), (own, 0.0), (own, 0.0), (own, 0.0)]
+    }
+}
+
+/// Corners of leaves on curved surfaces and small flat faces.
+fn eligible(draft: &Draft, spacing: f32, alone: &[bool]) -> Vec<u32> {
+    let mut area = vec![0.0_f32; draft.faces.len()];
+    for leaf in &draft.leaves {
+        area[leaf.face as usize] += draft.area(leaf);
+    }
+    let detail =
+        |face: u32| draft.faces[face as usize].curved || area[face as usize] < DETAIL * spacing * spacing;
+    let mut used = vec![false; draft.vertices.len()];
+    for vertex in draft.leaves.iter().flat_map(|l| l.vertices) {
+        used[vertex as usize] = true;
+    }
+    (0..draft.vertices.len() as u32)
+        .filter(|&v| used[v as usize] && !alone.get(v as usize).copied().unwrap_or(false))
+        .filter(|&v| detail(draft.vertices[v as usize].face))
+        .collect()
+}
+
+/// The vertices with their keys, sorted.
+fn group(draft: &Draft, eligible: &[u32], cell: f32) -> Vec<(GroupKey, u32)> {
+    let mut members: Vec<(GroupKey, u32)> = eligible
+        .par_iter()
+        .with_min_len(1024)
+        .map(|&v| {
+            let vertex = &draft.vertices[v as usize];
+            let direction = (vertex.normal / NORMAL_STEP).round();
+            let direction = [direction.x as i8, direction.y as i8, direction.z as i8];
+            ((place(vertex.position, cell), direction, kind(draft, v)), v)
+        })
+        .collect();
+    members.par_sort_unstable();
+    members
+}
+
+fn place(position: Vec3, cell: f32) -> [i32; 3] {
+    let cube = (position / cell).floor();
+    [cube.x as i32, cube.y as i32, cube.z as i32]
+}
+
+fn kind(draft: &Draft, vertex: u32) -> u32 {
+    let face = &draft.faces[draft.vertices[vertex as usize].face as usize];
+    u32::from(face.medium.0) << 1 | face.side as u32
+}
