@@ -3,7 +3,8 @@
 use glam::DVec3;
 
 use catoptric_scene::{Barycentric, Radiance, Rgb, Side, Surface, TriangleId};
-use catoptric_trace::{PlaneId, Tracer};
+use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame, triangle_point};
+use catoptric_trace::{PlaneId, Ray, Tracer};
 
 use crate::contour::Polygon;
 use crate::light_tree::LightTree;
@@ -49,7 +50,7 @@ impl Cell {
         let (u, v) = if self.parallelogram {
             (s, t)
         } else {
-            let (u, v) = catoptric_trace::sequence::triangle_point(glam::Vec2::new(s as f32, t as f32));
+            let (u, v) = triangle_point(glam::Vec2::new(s as f32, t as f32));
             (f64::from(u), f64::from(v))
         };
         self.corner + self.edges[0] * u + self.edges[1] * v
@@ -123,10 +124,12 @@ pub struct Emitters {
     triangles: usize,
 }
 
-/// Cells above this share of the scene's area are broad. Hemisphere rays find them with little noise, and with the
+/// Cells above this share of the scene's area, and of what its diffuse surfaces see, are broad. Hemisphere rays find them with little noise, and with the
 /// unoccluded irradiance as control variate with none where nothing blocks; shadow rays and images of whole glowing
 /// walls would add the noise that a furnace of mirrors and emitters does not have.
 const BROAD_SHARE: f64 = 0.04;
+/// Rays that decide what is broad: a share of 4 % is seen with an error of 0.4 %.
+const VIEW_RAYS: u32 = 2048;
 /// Each broad cell is asked by every hemisphere ray.
 const MAX_BROAD: usize = 16;
 
@@ -182,18 +185,60 @@ impl Emitters {
         let scene = tracer.scene();
         let total: f64 =
             (0..scene.triangles().len()).map(|t| f64::from(scene.area(TriangleId(t as u32)))).sum();
-        let is_broad = |c: &Cell| !c.textured && c.area > BROAD_SHARE * total;
-        if self.cells.iter().filter(|c| is_broad(c)).count() > MAX_BROAD {
+        let is_large = |c: &Cell| !c.textured && c.area > BROAD_SHARE * total;
+        let large: Vec<usize> = (0..self.cells.len()).filter(|&i| is_large(&self.cells[i])).collect();
+        if large.is_empty() || large.len() > MAX_BROAD {
             return;
         }
-        let (broad, rest) = self.cells.iter().partition(|c| is_broad(c));
-        self.cells = rest;
-        self.broad = broad;
-        for cell in &self.broad {
+        let seen = self.shares_seen(tracer);
+        let broad: Vec<usize> = large
+            .into_iter()
+            .filter(|&i| self.cells[i].triangles.iter().any(|t| seen[t.index()] > BROAD_SHARE))
+            .collect();
+        for &index in &broad {
+            let cell = self.cells[index];
+            self.broad.push(cell);
             for triangle in cell.triangles {
                 self.is_broad[triangle.index()] = true;
             }
         }
+        let mut index = 0;
+        self.cells.retain(|_| {
+            index += 1;
+            !broad.contains(&(index - 1))
+        });
+    }
+
+    /// Share of the diffuse surfaces' view that each triangle takes up: a large lamp outside of a window is not broad.
+    fn shares_seen(&self, tracer: &Tracer) -> Vec<f64> {
+        let scene = tracer.scene();
+        let mut sums = Vec::with_capacity(scene.triangles().len());
+        let mut area = 0.0_f64;
+        for index in 0..scene.triangles().len() {
+            let triangle = TriangleId(index as u32);
+            if scene.material_of(triangle).may_be_diffuse() {
+                area += f64::from(scene.area(triangle));
+            }
+            sums.push(area);
+        }
+        let mut seen = vec![0.0; scene.triangles().len()];
+        let key = Key::new(0, Purpose::EmitterChoice, 0);
+        for ray in 0..VIEW_RAYS {
+            let pick = f64::from(key.point1(ray)) * area;
+            let index = sums.partition_point(|&s| s <= pick).min(sums.len().saturating_sub(1));
+            let triangle = TriangleId(index as u32);
+            let (u, v) = triangle_point(key.child(1).point2(ray));
+            let normal = scene.geometric_normal(triangle);
+            let (tangent, bitangent) = frame(normal);
+            let local = cosine_hemisphere(key.child(2).point2(ray));
+            let origin = scene.position(triangle, Barycentric { u, v });
+            let direction = tangent * local.x + bitangent * local.y + normal * local.z;
+            let ray = Ray { origin, direction, from: tracer.planes().of(triangle) };
+            if let Some(hit) = tracer.nearest(&ray, f32::INFINITY) {
+                seen[hit.triangle.index()] += 1.0 / f64::from(VIEW_RAYS);
+            }
+        }
+        seen
     }
 
     /// Broad emitters.

@@ -2,7 +2,7 @@
 //!
 //! Source: Walter et al. 2005 ("Lightcuts"): the tree is cut anew for each receiver, where most light may come from
 //! first; Conty Estevez & Kulla 2018: what is left as a group is sampled by walking down, each child in proportion to
-//! a bound of what it may send. Keys in docs/references.md: Walter2005, Conty2018.
+//! a bound of what it may send. Keys in docs/references.md: Walter2005, ContyEstevezKulla2018.
 
 use std::collections::BinaryHeap;
 

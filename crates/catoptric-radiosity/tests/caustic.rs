@@ -156,7 +156,7 @@ fn a_paraboloid_sends_the_sun_to_its_focus() {
 }
 
 #[test]
-fn a_glass_slab_passes_what_fresnel_s_equations_say_and_a_pool_s_floor_gets_the_light_of_its_surface() {
+fn a_glass_slab_passes_what_fresnel_s_equations_say() {
     for sine in [0.0_f64, 0.5] {
         let mut parts = SceneParts::default();
         let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
@@ -229,7 +229,7 @@ fn light_side_rays_and_hemisphere_gathers_agree() {
             let n = f64::from(count);
             let mean = sum / n;
             let error = ((squares / n - mean * mean) / n).sqrt();
-            // Four standard errors of the gathers (those of the light rays are below a tenth of that).
+            // Four standard errors of the gathers; those of the light rays are not counted.
             assert!(
                 (found - mean).abs() < 4.0 * error + 1e-3 * mean,
                 "glass {glass}, {name}: {found} and {mean} ± {error}"

@@ -6,11 +6,11 @@ use catoptric_scene::Rgb;
 use crate::caustic::density::{Projection, strength};
 
 /// Steps of smoothing at most: noise spreads over about their square root of edges.
-const SMOOTHING: usize = 64;
+const SMOOTHING: usize = 32;
 /// Times that variances are pooled.
 const POOLING: usize = 2;
 /// Standard error against the light that smoothing aims at.
-const SMOOTH_TO: f32 = 0.02;
+const SMOOTH_TO: f32 = 0.03;
 /// Squared differences up to this multiple of their variance count as noise.
 const LIKELY: f32 = 4.0;
 
