@@ -31,19 +31,46 @@ fn main() {
     let tracer = catoptric_trace::Tracer::new(&loaded.scene);
     let mut params = catoptric_radiosity::SolveParams::for_quality(quality);
     let env = |n: &str| std::env::var(n).ok().and_then(|v| v.parse::<f32>().ok());
-    if let Some(v) = env("BASE") { params.base_triangles = v as usize; }
-    if let Some(v) = env("ROWS") { params.row_rays = v as u32; }
-    if let Some(v) = env("GATHER") { params.gather_rays = v as u32; }
-    if let Some(v) = env("VERT") { params.vertex_rays = v as u32; }
-    if let Some(v) = env("TOL") { params.sources.tolerance = v; }
-    if let Some(v) = env("MAXV") { params.sources.max_vertices = v as usize; }
-    if let Some(v) = env("SHADOW") { params.shadow_rays = v as u32; params.fit_rays = v as u32 / 2; }
-    if let Some(v) = env("NEAR") { params.near = v; }
-    if let Some(v) = env("ROUNDS") { params.near_rounds = v as u32; }
-    if let Some(v) = env("SMOOTH") { params.gather_fit.smoothing = v; }
-    if let Some(v) = env("POINTS") { params.gather_points = v; }
-    if let Some(v) = env("FITP") { params.fit_points = v as u32; }
-    if let Some(v) = env("SEED") { params.seed = v as u32; }
+    if let Some(v) = env("BASE") {
+        params.base_triangles = v as usize;
+    }
+    if let Some(v) = env("ROWS") {
+        params.row_rays = v as u32;
+    }
+    if let Some(v) = env("GATHER") {
+        params.gather_rays = v as u32;
+    }
+    if let Some(v) = env("VERT") {
+        params.vertex_rays = v as u32;
+    }
+    if let Some(v) = env("TOL") {
+        params.sources.tolerance = v;
+    }
+    if let Some(v) = env("MAXV") {
+        params.sources.max_vertices = v as usize;
+    }
+    if let Some(v) = env("SHADOW") {
+        params.shadow_rays = v as u32;
+        params.fit_rays = v as u32 / 2;
+    }
+    if let Some(v) = env("NEAR") {
+        params.near = v;
+    }
+    if let Some(v) = env("ROUNDS") {
+        params.near_rounds = v as u32;
+    }
+    if let Some(v) = env("SMOOTH") {
+        params.gather_fit.smoothing = v;
+    }
+    if let Some(v) = env("POINTS") {
+        params.gather_points = v;
+    }
+    if let Some(v) = env("FITP") {
+        params.fit_points = v as u32;
+    }
+    if let Some(v) = env("SEED") {
+        params.seed = v as u32;
+    }
     let solved = catoptric_radiosity::solve(&tracer, &params, &progress).expect("solve");
     let camera = &loaded.scene.cameras()[0];
     let width = 256;

@@ -78,13 +78,32 @@ pub enum End {
 /// Everything that happens to `throughput` is booked in `ledger`, so that its entries sum to what was sent.
 pub fn choose(
     tracer: &Tracer,
+    ray: Ray,
+    media: MediumStack,
+    throughput: Rgb,
+    key: Key,
+    params: &WalkParams,
+    ledger: &mut Ledger,
+    mut arrive: impl FnMut(&Arrival),
+) -> End {
+    choose_meeting(tracer, ray, media, throughput, key, params, ledger, |arrival| {
+        let interaction = arrival.interaction;
+        if interaction.receives > 0.0 || interaction.emission.0.max_element() > 0.0 {
+            arrive(arrival);
+        }
+    })
+}
+
+/// The same walk; `meet` is called at every surface, mirrors, glass and black backs included.
+pub fn choose_meeting(
+    tracer: &Tracer,
     mut ray: Ray,
     mut media: MediumStack,
     mut throughput: Rgb,
     key: Key,
     params: &WalkParams,
     ledger: &mut Ledger,
-    mut arrive: impl FnMut(&Arrival),
+    mut meet: impl FnMut(&Arrival),
 ) -> End {
     let mut chain = Chain::DIRECT;
     let mut distance = 0.0;
@@ -104,18 +123,16 @@ pub fn choose(
         let interaction = tracer.interact(ray.direction, &hit, media);
         let position = ray.origin + ray.direction * hit.t;
         let receives = interaction.receives > 0.0;
-        if receives || interaction.emission.0.max_element() > 0.0 {
-            arrive(&Arrival {
-                hit: &hit,
-                position,
-                direction: ray.direction,
-                interaction: &interaction,
-                throughput,
-                chain: &chain,
-                media,
-                distance,
-            });
-        }
+        meet(&Arrival {
+            hit: &hit,
+            position,
+            direction: ray.direction,
+            interaction: &interaction,
+            throughput,
+            chain: &chain,
+            media,
+            distance,
+        });
 
         // What does not go on stays here.
         let passed_on = interaction.passed_on();
