@@ -52,7 +52,7 @@ impl Npz {
         let file_name = format!("{name}.npy");
         let offset = self.body.len() as u32;
         let mut common = Vec::new();
-        // Version 2.0, no flags, stored, 1 January 1980: the same bits every time.
+        // Version 2.0, no flags, stored, 1 January of the year 1980: the same bits every time.
         for field in [20_u16, 0, 0, 0, 0x21] {
             common.extend(field.to_le_bytes());
         }
