@@ -93,8 +93,9 @@ fn the_analytic_method_is_exact() {
     assert!(counts.values().sum::<i32>() >= 20);
 }
 
-/// z-tests at a family-wise level of 1e-3 over all cases and counts of a method (Student's t with 15 degrees of freedom:
-/// 5.6 leaves 5e-5 on both sides together, 24 tests are left below 1.2e-3), |ΔF| ≤ 3 N^(−3/4) and the slope.
+/// t-tests at a family-wise level of 1e-3 over all cases and counts of a method (27 cases, 4 counts: Student's t with 15
+/// degrees of freedom leaves 1e-3/108 beyond 6.6 on both sides together), |ΔF| ≤ 3 N^(−3/4) and the slope. A difference of
+/// less than four rays of one scramble is let pass: counts of so few have no such distribution.
 fn converges(method: Method, most: u32) {
     let cases: Vec<Value> = cases().into_iter().filter(is_form_factor).collect();
     let mut table: Vec<(f64, f64)> = Vec::new();
@@ -109,7 +110,7 @@ fn converges(method: Method, most: u32) {
             let difference = (found - exact).abs();
             let bound = 3.0 * f64::from(rays).powi(-3).sqrt().sqrt();
             assert!(
-                difference <= 5.6 * error || difference * f64::from(rays) < 4.0,
+                difference <= 6.6 * error || difference * f64::from(rays) < 4.0,
                 "{} at {rays}: {found} for {exact}, standard error {error:.1e}",
                 name(case)
             );

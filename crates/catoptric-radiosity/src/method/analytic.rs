@@ -23,11 +23,11 @@ use super::{ElementSet, Entry, FactorRow, FormFactors, MethodError, MethodParams
 /// Polygons of a scene, at most: every point of the quadrature clips each by all others.
 pub const MAX_POLYGONS: usize = 4_000;
 /// Beams that carry less than this share of the power go on as their central ray.
-const THIN: f64 = 1e-5;
+const THIN: f64 = 3e-7;
 /// Relative error aimed at where there are mirrors: thin beams land as wholes, which is noise of about this size.
 const MIRROR_TOLERANCE: f64 = 5e-6;
 /// Polygons looked at per element, at most: with many mirrors every point is dear. The error is told.
-const MAX_WORK: u64 = 3_000_000;
+const MAX_WORK: u64 = 2_000_000;
 /// Reflections after which a beam goes on as its central ray, and a central ray ends.
 const MAX_REFLECTIONS: usize = 1_000;
 
@@ -251,6 +251,10 @@ impl<'a> Analytic<'a> {
             subtract(&mut windows, &view.stage.blockers, view.eye, mirror.plane, scratch);
             let weight = view.weight * mirror.reflectance;
             for window in windows {
+                let window = without_short_edges(&window);
+                if window.is_empty() {
+                    continue;
+                }
                 let factor = irradiance(view.eye, view.normal, &window) / PI;
                 if factor <= 0.0 {
                     continue;
@@ -366,6 +370,26 @@ impl<'a> Analytic<'a> {
             .collect()
     }
 }
+
+/// A window without the edges that repeated clipping leaves at corners: through an edge as short as rounding there is no
+/// plane to clip by.
+fn without_short_edges(window: &Polygon) -> Polygon {
+    let corners = window.corners();
+    let size = corners.iter().map(|c| (*c - corners[0]).length()).fold(0.0, f64::max);
+    let mut kept: Vec<DVec3> = Vec::with_capacity(corners.len());
+    for &corner in corners {
+        if kept.last().is_none_or(|last| (corner - *last).length() > SHORT * size) {
+            kept.push(corner);
+        }
+    }
+    while kept.len() > 1 && (kept[0] - kept[kept.len() - 1]).length() <= SHORT * size {
+        kept.pop();
+    }
+    Polygon::new(&kept)
+}
+
+/// Edges shorter than this share of a window are rounding.
+const SHORT: f64 = 1e-9;
 
 /// Parts into which the planes of other surfaces cut a sender before the quadrature starts.
 const MAX_PARTS: usize = 48;
