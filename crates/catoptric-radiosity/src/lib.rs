@@ -9,6 +9,7 @@ pub mod face;
 pub mod fit;
 pub mod gather;
 pub mod media;
+pub mod method;
 pub mod patch;
 pub mod refine;
 pub mod rows;

@@ -145,6 +145,11 @@ impl PatchMesh {
         self.areas.is_empty()
     }
 
+    /// The base triangles of a patch.
+    pub fn roots(&self, patch: PatchId) -> impl Iterator<Item = u32> + '_ {
+        self.members[patch.0 as usize].iter().map(|m| m.0)
+    }
+
     /// A point of a patch, uniform by area, as a receiver with the geometric normal.
     pub fn receiver(&self, tracer: &Tracer, draft: &Draft, patch: PatchId, key: Key, index: u32) -> Receiver {
         let members = &self.members[patch.0 as usize];

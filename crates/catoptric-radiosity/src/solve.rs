@@ -215,9 +215,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     // Cut the diffuse surfaces into triangles.
     progress.begin("mesh", 1);
     let spacing = spacing(tracer, params.base_triangles);
-    let mut draft = Draft::new(tracer, spacing);
-    find_media(tracer, &mut draft.faces);
-    let patches = PatchMesh::new(tracer, &draft, spacing);
+    let (mut draft, patches) = coarse_patches(tracer, params.base_triangles);
     let base = draft.display(tracer);
     let of_element: Vec<PatchId> = base.roots.iter().map(|&r| patches.of_root[r as usize]).collect();
     report.patches = patches.len();
@@ -387,6 +385,15 @@ fn fit_sources(
     refit(&direct, |s| &mut s.direct);
     refit(&mirrored, |s| &mut s.mirrored);
     Ok(())
+}
+
+/// The draft and the patches of a coarse solve with about `count` base triangles.
+pub fn coarse_patches(tracer: &Tracer, count: usize) -> (Draft, PatchMesh) {
+    let spacing = spacing(tracer, count);
+    let mut draft = Draft::new(tracer, spacing);
+    find_media(tracer, &mut draft.faces);
+    let patches = PatchMesh::new(tracer, &draft, spacing);
+    (draft, patches)
 }
 
 /// Edge length for which the diffuse area gives about `count` triangles.

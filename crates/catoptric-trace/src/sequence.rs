@@ -31,6 +31,8 @@ pub enum Purpose {
     ElementPoint = 8,
     /// Anything in tests.
     Test = 9,
+    /// Samples of a form factor method.
+    FormFactor = 10,
 }
 
 /// A well-mixed 32-bit hash (the finaliser of Murmur3).
@@ -85,6 +87,15 @@ impl Key {
         Vec2::new(unit(x), unit(y))
     }
 
+    /// Point `index` of an Owen-scrambled Sobol' sequence in [0, 1)⁴. Its first two dimensions are a (0,2)-sequence.
+    #[inline]
+    pub fn point4(self, index: u32) -> [f32; 4] {
+        let index = owen_scramble(index, self.0);
+        let digits = [index.reverse_bits(), sobol1(index), sobol(&SOBOL2, index), sobol(&SOBOL3, index)];
+        let seeds = [0xa511_e9b3, 0x63d8_3595, 0x1f83_d9ab, 0x5be0_cd19];
+        std::array::from_fn(|d| unit(owen_scramble(digits[d], mix(self.0 ^ seeds[d]))))
+    }
+
     /// Point `index` of an Owen-scrambled van der Corput sequence in [0, 1).
     #[inline]
     pub fn point1(self, index: u32) -> f32 {
@@ -109,6 +120,47 @@ fn sobol1(index: u32) -> u32 {
     x ^= (x & 0x0f0f_0f0f) << 4;
     x ^= (x & 0x3333_3333) << 2;
     x ^ ((x & 0x5555_5555) << 1)
+}
+
+/// Direction numbers of dimensions 2 and 3 (Joe & Kuo 2008, "Constructing Sobol sequences with better
+/// two-dimensional projections"): degree, coefficients and initial numbers m of the primitive polynomials.
+const SOBOL2: [u32; 32] = direction_numbers(2, 1, [1, 3, 0]);
+const SOBOL3: [u32; 32] = direction_numbers(3, 1, [1, 3, 1]);
+
+const fn direction_numbers(degree: usize, coefficients: u32, initial: [u32; 3]) -> [u32; 32] {
+    let mut v = [0; 32];
+    let mut i = 0;
+    while i < 32 {
+        if i < degree {
+            v[i] = initial[i] << (31 - i);
+        } else {
+            v[i] = v[i - degree] ^ (v[i - degree] >> degree);
+            let mut k = 1;
+            while k < degree {
+                if coefficients >> (degree - 1 - k) & 1 == 1 {
+                    v[i] ^= v[i - k];
+                }
+                k += 1;
+            }
+        }
+        i += 1;
+    }
+    v
+}
+
+/// A dimension of Sobol' by its direction numbers, as a 32-bit fraction.
+#[inline]
+fn sobol(directions: &[u32; 32], mut index: u32) -> u32 {
+    let mut value = 0;
+    let mut bit = 0;
+    while index != 0 {
+        if index & 1 == 1 {
+            value ^= directions[bit];
+        }
+        index >>= 1;
+        bit += 1;
+    }
+    value
 }
 
 /// Owen scrambling of a binary fraction (most significant bit first): each bit is flipped or not by a hash of the bits
@@ -203,6 +255,22 @@ mod tests {
                     }
                     assert!(counts.iter().all(|&c| c == 1), "entity {entity}, m {m}, split {a}");
                 }
+            }
+        }
+    }
+
+    /// Each of the four dimensions alone is a (0,1)-sequence: one of 2^m consecutive points in each of 2^m intervals.
+    #[test]
+    fn each_dimension_of_four_is_stratified() {
+        for entity in 0..20 {
+            let key = Key::new(3, Purpose::Test, entity);
+            let points: Vec<[f32; 4]> = (0..256).map(|i| key.point4(i)).collect();
+            for d in 0..4 {
+                let mut seen = [false; 256];
+                for p in &points {
+                    seen[(p[d] * 256.0) as usize] = true;
+                }
+                assert!(seen.iter().all(|s| *s), "entity {entity}, dimension {d}");
             }
         }
     }

@@ -94,6 +94,40 @@ pub fn choose(
 /// [`choose`] for a walk to which `chain` has happened already.
 pub fn choose_after(
     tracer: &Tracer,
+    ray: Ray,
+    media: MediumStack,
+    throughput: Rgb,
+    chain: Chain,
+    key: Key,
+    params: &WalkParams,
+    ledger: &mut Ledger,
+    mut arrive: impl FnMut(&Arrival),
+) -> End {
+    meet_after(tracer, ray, media, throughput, chain, key, params, ledger, |arrival| {
+        let interaction = arrival.interaction;
+        if interaction.receives > 0.0 || interaction.emission.0.max_element() > 0.0 {
+            arrive(arrival);
+        }
+    })
+}
+
+/// [`choose`], but `meet` is called at every surface, mirrors, glass and black backs included.
+pub fn choose_meeting(
+    tracer: &Tracer,
+    ray: Ray,
+    media: MediumStack,
+    throughput: Rgb,
+    key: Key,
+    params: &WalkParams,
+    ledger: &mut Ledger,
+    meet: impl FnMut(&Arrival),
+) -> End {
+    meet_after(tracer, ray, media, throughput, Chain::DIRECT, key, params, ledger, meet)
+}
+
+/// The walk itself.
+fn meet_after(
+    tracer: &Tracer,
     mut ray: Ray,
     mut media: MediumStack,
     mut throughput: Rgb,
@@ -101,7 +135,7 @@ pub fn choose_after(
     key: Key,
     params: &WalkParams,
     ledger: &mut Ledger,
-    mut arrive: impl FnMut(&Arrival),
+    mut meet: impl FnMut(&Arrival),
 ) -> End {
     let mut distance = 0.0;
     for depth in 0..params.max_depth {
@@ -120,18 +154,16 @@ pub fn choose_after(
         let interaction = tracer.interact(ray.direction, &hit, media);
         let position = ray.origin + ray.direction * hit.t;
         let receives = interaction.receives > 0.0;
-        if receives || interaction.emission.0.max_element() > 0.0 {
-            arrive(&Arrival {
-                hit: &hit,
-                position,
-                direction: ray.direction,
-                interaction: &interaction,
-                throughput,
-                chain: &chain,
-                media,
-                distance,
-            });
-        }
+        meet(&Arrival {
+            hit: &hit,
+            position,
+            direction: ray.direction,
+            interaction: &interaction,
+            throughput,
+            chain: &chain,
+            media,
+            distance,
+        });
 
         // What does not go on stays here.
         let passed_on = interaction.passed_on();

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use catoptric_radiosity::method::Method;
+
 use crate::diff::DiffArgs;
 use crate::value::{CameraChoice, Frames, Size, SkySource};
 
@@ -41,6 +43,16 @@ Examples:
   catoptric info room.glb
   catoptric info room.glb --json";
 
+const FORM_FACTORS_EXAMPLES: &str = "\
+Examples:
+  catoptric form-factors room.glb -o F.csv
+  catoptric form-factors room.glb -o F.csv --method analytic
+  catoptric form-factors room.glb -o F.npz --by patch --patches 2000 --rays 256
+  catoptric form-factors room.glb -o plain.csv --plain      no mirrors, no glass
+  catoptric form-factors room.glb -o F.csv --repair --json
+
+CSV: from,to,F_r,F_g,F_b,area_from. NPZ: scipy.sparse.load_npz, with areas and names beside the matrix.";
+
 const COMPLETIONS_EXAMPLES: &str = "\
 Examples:
   catoptric completions bash > ~/.local/share/bash-completion/completions/catoptric
@@ -64,6 +76,9 @@ pub(crate) enum Command {
     /// Computes the light of a scene, for any number of views.
     #[command(after_help = SOLVE_EXAMPLES)]
     Solve(SolveArgs),
+    /// Computes extended form factors between named surfaces or patches.
+    #[command(after_help = FORM_FACTORS_EXAMPLES)]
+    FormFactors(FormFactorsArgs),
     /// Says what is in a file, how it is read and what it will cost.
     #[command(after_help = INFO_EXAMPLES)]
     Info(InfoArgs),
@@ -140,6 +155,70 @@ pub(crate) struct SolveArgs {
     pub(crate) transport: TransportArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct FormFactorsArgs {
+    /// A glTF 2.0 scene (.glb or .gltf).
+    #[arg(value_name = "SCENE")]
+    pub(crate) scene: PathBuf,
+
+    /// The matrix: .csv or .npz. Where mirrors are tinted, .npz writes one file per channel: F.r.npz, F.g.npz, F.b.npz.
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: Option<PathBuf>,
+
+    /// Between what.
+    #[arg(long, value_enum, default_value_t = By::Surface)]
+    pub(crate) by: By,
+
+    /// How: rays, hemicube, area or analytic.
+    #[arg(long, value_name = "METHOD", default_value = "rays")]
+    pub(crate) method: Method,
+
+    /// Samples per sender (`area`: per pair; `hemicube`: cells) in each of 16 independent scrambles, from whose scatter the
+    /// standard errors come. Without it: 16384 by surface, 64 by patch (`area`: 4).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
+    pub(crate) rays: Option<u32>,
+
+    /// Cells along an edge of a hemicube's top.
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(2..=2048))]
+    pub(crate) resolution: u32,
+
+    /// Relative error that `analytic` aims at.
+    #[arg(long, value_name = "E", default_value_t = 1e-7, value_parser = positive)]
+    pub(crate) tolerance: f64,
+
+    /// Patches, about.
+    #[arg(long, value_name = "N", default_value_t = 1200, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub(crate) patches: u32,
+
+    /// Plain form factors: light ends at the first surface.
+    #[arg(long)]
+    pub(crate) plain: bool,
+
+    /// Restores reciprocity and closure, and says by how much it moved anything.
+    #[arg(long)]
+    pub(crate) repair: bool,
+
+    /// Reflections and refractions in a row after which a path is given up (and booked).
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub(crate) max_depth: u32,
+
+    /// Seed of all sampling sequences. The same seed gives the same bits.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) seed: u32,
+
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
+/// What form factors are taken between.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum By {
+    /// glTF nodes (or node/primitive).
+    Surface,
+    /// The patches of the coarse solve.
+    Patch,
 }
 
 #[derive(Debug, Args)]

@@ -4,10 +4,12 @@ mod args;
 mod diff;
 mod estimate;
 mod failure;
+mod form_factors;
 mod info;
 mod input;
 mod interrupt;
 mod memory;
+mod npz;
 mod output;
 mod pass_one;
 mod progress;
@@ -45,6 +47,10 @@ fn run(command: &Command) -> Result<ExitCode, Failure> {
         Command::Solve(args) => {
             start_threads(&args.run)?;
             solve::run(args)?;
+        }
+        Command::FormFactors(args) => {
+            start_threads(&args.run)?;
+            form_factors::run(args)?;
         }
         Command::Info(args) => info::run(args)?,
         Command::Diff(args) => return Ok(diff::run(args)),
