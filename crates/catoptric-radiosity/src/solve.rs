@@ -19,7 +19,7 @@ use crate::patch::{PatchId, PatchMesh};
 use crate::refine::{Field, RefineParams, Values, refine};
 use crate::rows::{PatchLocator, Row, rows};
 use crate::sharing::Sharing;
-use crate::solver::{SolverParams, solve_patches};
+use crate::solver::{SolverParams, solve_patches, spread_error};
 
 /// Parameters of pass one.
 #[derive(Clone, Debug, PartialEq)]
@@ -288,7 +288,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     report.row_ledger = mean_ledger(&patches, &rows);
 
     // The final gather sees what sources send and the coarse solution first, then what it found at the vertices.
-    let coarse = spread(&draft, &patches, &solution.indirect);
+    let coarse = Coarse { patches: &patches, rows: &rows, indirect: &solution.indirect };
     let sight = Sight { displayed: &displayed, draft: &draft, sources: &values.values };
     let sharing = Sharing::new(&mesh_of_gathers, spacing, GATHER_CELL * spacing, budget, &hidden);
     let gathered =
@@ -612,14 +612,54 @@ impl Sight<'_> {
     }
 }
 
+/// The coarse solution and what it takes to correct it.
+struct Coarse<'a> {
+    patches: &'a PatchMesh,
+    rows: &'a [Row],
+    indirect: &'a [Rgb],
+}
+
+impl Coarse<'_> {
+    /// What becomes, per patch, of light of which the vertices of `draft` hold too little.
+    fn onward(&self, draft: &Draft, lack: &[Rgb], solver: &SolverParams) -> Vec<Rgb> {
+        let mut mean = vec![Rgb::ZERO; self.patches.len()];
+        for leaf in &draft.leaves {
+            let patch = self.patches.of_root[leaf.root as usize].0 as usize;
+            let share = draft.area(leaf) / self.patches.areas[patch].max(f32::MIN_POSITIVE);
+            mean[patch] += leaf.vertices.iter().map(|&v| lack[v as usize]).sum::<Rgb>() * (share / 3.0);
+        }
+        spread_error(self.patches, self.rows, &mean, solver).indirect
+    }
+}
+
+/// Hidden corners of elements that can be seen in part show what their neighbours found: nobody sees the dark behind them.
+fn beside_hidden(draft: &Draft, known: &mut [Option<Rgb>]) {
+    let mut sums = vec![(Rgb::ZERO, 0.0_f32); known.len()];
+    for leaf in &draft.leaves {
+        let found: Vec<Rgb> = leaf.vertices.iter().filter_map(|&v| known[v as usize]).collect();
+        for &v in &leaf.vertices {
+            for value in &found {
+                sums[v as usize].0 += *value;
+                sums[v as usize].1 += 1.0;
+            }
+        }
+    }
+    for (known, (sum, count)) in known.iter_mut().zip(sums) {
+        if known.is_none() && count > 0.0 {
+            *known = Some(sum / count);
+        }
+    }
+}
+
 /// Gathers at the vertices and inside the elements of `draft`, and fits.
 ///
-/// Two bounces of refinement for one: the vertices, with few rays, see the coarse solution; the points inside, with many,
-/// see what the vertices found (Lischinski, Tampieri & Greenberg 1993 gather once, from the coarse solution).
+/// Three bounces of refinement for one: the vertices, with few rays, see the coarse solution; the points inside, with many,
+/// see what the vertices found; and what they found beyond what they saw is reflected on over the coarse patches
+/// (Lischinski, Tampieri & Greenberg 1993 gather once, from the coarse solution).
 fn gather_all(
     lights: &Lights,
     sight: &Sight,
-    coarse: &[Rgb],
+    coarse: &Coarse,
     draft: &Draft,
     hidden: &[bool],
     sharing: &Sharing,
@@ -651,7 +691,7 @@ fn gather_all(
         })
         .collect();
     progress.begin("gather", (samples.len() + mesh.vertices.len()) as u64);
-    let seen = sight.with(coarse);
+    let seen = sight.with(&spread(sight.draft, coarse.patches, coarse.indirect));
     let light = DiffuseLight { mesh: &sight.displayed.mesh, irradiance: &seen };
     let work = |light: &DiffuseLight, receiver: &Receiver, rays: u32, entity: u64| {
         if progress.is_cancelled() {
@@ -683,7 +723,9 @@ fn gather_all(
     for (&v, g) in displayed.origin.iter().zip(&at_vertices).filter(|(v, _)| !hidden[**v as usize]) {
         known[v as usize] = Some(g.direct + g.mirrored + g.caustic + g.indirect);
     }
-    let seen = sight.with(&sight.spread(&known));
+    beside_hidden(draft, &mut known);
+    let looked_at = sight.spread(&known);
+    let seen = sight.with(&looked_at);
     let light = DiffuseLight { mesh: &sight.displayed.mesh, irradiance: &seen };
     let inside: Vec<Gathered> = samples
         .par_iter()
@@ -727,6 +769,19 @@ fn gather_all(
             if let Some(terms) = &mut terms[v as usize] {
                 terms[term] = fitted;
             }
+        }
+    }
+    // What the last gathers found beyond what they saw is missing from all further reflections.
+    let lack: Vec<Rgb> = terms
+        .iter()
+        .zip(&looked_at)
+        .map(|(terms, seen)| terms.map_or(Rgb::ZERO, |t| t.iter().copied().sum::<Rgb>() - *seen))
+        .collect();
+    let onward = coarse.onward(draft, &lack, &params.solver);
+    let more = spread(draft, coarse.patches, &onward);
+    for (terms, more) in terms.iter_mut().zip(&more) {
+        if let Some([.., indirect]) = terms {
+            *indirect = (*indirect + *more).max(Rgb::ZERO);
         }
     }
     let rays = vertex_rays.iter().map(|&r| u64::from(r)).sum::<u64>()

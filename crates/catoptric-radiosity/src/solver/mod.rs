@@ -13,7 +13,7 @@ pub mod two_pass;
 
 use std::str::FromStr;
 
-pub use two_pass::{PatchSolution, SolverParams, solve_patches};
+pub use two_pass::{PatchSolution, SolverParams, solve_patches, spread_error};
 
 use crate::method::FactorMatrix;
 

@@ -40,6 +40,30 @@ pub fn solve_patches(
     sources: &[Rgb],
     params: &SolverParams,
 ) -> PatchSolution {
+    let found: Vec<Rgb> = rows.iter().map(|r| r.found).collect();
+    sweep(patches, rows, sources, &found, params)
+}
+
+/// What becomes of an error of the irradiance after at least one more reflection: Σ_{n ≥ 1} (F ρ)ⁿ·`error`.
+///
+/// The defect correction of multigrid methods (Brandt 1977): where a finer operator finds H₁ = L·H_c for the coarse
+/// solution H_c, the error of H₁ is L·e with e = (I − L)⁻¹ (H₁ − H_c), for which the coarse L is good enough.
+pub fn spread_error(
+    patches: &PatchMesh,
+    rows: &[Row],
+    error: &[Rgb],
+    params: &SolverParams,
+) -> PatchSolution {
+    sweep(patches, rows, error, &vec![Rgb::ZERO; rows.len()], params)
+}
+
+fn sweep(
+    patches: &PatchMesh,
+    rows: &[Row],
+    sources: &[Rgb],
+    found: &[Rgb],
+    params: &SolverParams,
+) -> PatchSolution {
     let count = patches.len();
     let mut irradiance: Vec<Rgb> = vec![Rgb::ZERO; count];
     let total = |index: usize, irradiance: &[Rgb]| sources[index] + irradiance[index];
@@ -52,14 +76,14 @@ pub fn solve_patches(
     };
     let mut sent: Vec<Rgb> = (0..count).map(|i| radiosity(i, &irradiance)).collect();
     let mut scale: f64 = (0..count)
-        .map(|i| f64::from(patches.areas[i]) * f64::from((sources[i] + rows[i].found).max_element()))
+        .map(|i| f64::from(patches.areas[i]) * f64::from((sources[i] + found[i]).abs().max_element()))
         .sum();
     scale = scale.max(f64::MIN_POSITIVE);
     let mut solution = PatchSolution::default();
     while solution.sweeps < params.max_sweeps {
         let mut change = 0.0_f64;
         for index in 0..count {
-            let gathered = rows[index].found + rows[index].gather(|p: PatchId| sent[p.0 as usize]);
+            let gathered = found[index] + rows[index].gather(|p: PatchId| sent[p.0 as usize]);
             change += f64::from(patches.areas[index])
                 * f64::from((gathered - irradiance[index]).abs().max_element());
             irradiance[index] = gathered;
