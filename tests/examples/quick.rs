@@ -76,6 +76,7 @@ fn budgets(quality: Quality) -> SolveParams {
     count("ROWS", &mut params.row_rays);
     count("GATHER", &mut params.gather_rays);
     count("VERT", &mut params.vertex_rays);
+    share("PRIOR", &mut params.gather_fit.prior);
     share("TOL", &mut params.sources.tolerance);
     size("MAXV", &mut params.sources.max_vertices);
     count("SHADOW", &mut params.shadow_rays);

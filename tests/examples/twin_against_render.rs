@@ -50,7 +50,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         if mismatches.len() > 6 {
             println!("    ... {} in all", mismatches.len());
         }
-        if mismatches.is_empty() {
+        if mismatches.is_empty() && (own - mean).abs().max_element() < 4.0 * error.max_element() {
             continue;
         }
         // Which surfaces differ most.
@@ -62,7 +62,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         let mut rows: Vec<_> = by_surface.into_iter().collect();
         rows.sort_by(|a, b| (b.1.0 - b.1.1).abs().total_cmp(&(a.1.0 - a.1.1).abs()));
-        for (id, (own, mean, variance)) in rows.into_iter().take(4) {
+        for (id, (own, mean, variance)) in rows.into_iter().take(8) {
             let name = id.checked_sub(1).map_or("sky", |i| &loaded.scene.surfaces()[i as usize].name);
             println!("    on {name}: {own:.3} against {mean:.3} ± {:.3}", variance.sqrt());
         }

@@ -13,10 +13,11 @@ use catoptric_scene::{Barycentric, TriangleId};
 use catoptric_solution::{DisplayMesh, DisplayVertex, Element, Face, FaceId};
 use catoptric_trace::interaction::Coat;
 use catoptric_trace::plane::bounds_of;
-use catoptric_trace::{MediumStack, Tracer};
+use catoptric_trace::{MediumId, MediumStack, Tracer};
 
 use crate::contact::Obstacles;
 use crate::face::{FaceDraft, faces};
+use crate::media::find_media;
 use crate::triangulate::triangulate;
 
 /// A vertex under refinement.
@@ -32,6 +33,8 @@ pub struct DraftVertex {
     pub face: u32,
     /// A triangle of the scene that it lies on.
     pub triangle: TriangleId,
+    /// Medium before it.
+    pub medium: MediumId,
     /// The ends of the edge that it halves.
     pub parents: Option<[u32; 2]>,
 }
@@ -62,6 +65,8 @@ pub struct Draft {
     pub roots: usize,
     /// Face of each base triangle.
     pub face_of_root: Vec<u32>,
+    /// Medium before each base triangle: a wall that the water's surface crosses lies in two.
+    pub medium_of_root: Vec<MediumId>,
     /// Corners of each base triangle.
     pub base: Vec<[u32; 3]>,
     midpoints: HashMap<(u32, u32), u32>,
@@ -156,6 +161,8 @@ impl Draft {
         draft.roots = draft.leaves.len();
         draft.face_of_root = draft.leaves.iter().map(|l| l.face).collect();
         draft.base = draft.leaves.iter().map(|l| l.vertices).collect();
+        draft.medium_of_root = vec![MediumId::AIR; draft.roots];
+        find_media(tracer, &mut draft);
         draft
     }
 
@@ -172,6 +179,7 @@ impl Draft {
                 normal,
                 face: face as u32,
                 triangle: draft.triangle_at(tracer, position),
+                medium: MediumId::AIR,
                 parents: None,
             });
         }
@@ -214,6 +222,7 @@ impl Draft {
                     normal,
                     face: face as u32,
                     triangle: id,
+                    medium: MediumId::AIR,
                     parents: None,
                 });
                 self.vertices.len() as u32 - 1
@@ -314,6 +323,7 @@ impl Draft {
             normal,
             face: on,
             triangle,
+            medium: p.medium,
             parents: Some([a, b]),
         });
         self.midpoints.insert((a, b), index);
@@ -417,7 +427,7 @@ impl Draft {
     pub fn receiver(&self, tracer: &Tracer, vertex: u32) -> Receiver {
         let v = &self.vertices[vertex as usize];
         let face = &self.faces[v.face as usize];
-        self.receiver_at(tracer, face, v.sample, v.normal, v.triangle)
+        self.receiver_at(tracer, face, v.medium, v.sample, v.normal, v.triangle)
     }
 
     /// Where a point inside an element receives light.
@@ -433,9 +443,11 @@ impl Draft {
         let mix = |f: &dyn Fn(usize) -> Vec3| f(0) * weights[0] + f(1) * weights[1] + f(2) * weights[2];
         let position = mix(&|k| corners[k].position);
         let normal = mix(&|k| corners[k].normal).try_normalize().unwrap_or(corners[0].normal);
-        let face = &self.faces[self.leaves[displayed.leaves[element as usize] as usize].face as usize];
+        let leaf = &self.leaves[displayed.leaves[element as usize] as usize];
+        let face = &self.faces[leaf.face as usize];
         let triangle = face.triangle_at(tracer, position);
-        self.receiver_at(tracer, face, position, normal, triangle)
+        let medium = self.medium_of_root[leaf.root as usize];
+        self.receiver_at(tracer, face, medium, position, normal, triangle)
     }
 
     /// Where a point inside a leaf receives light.
@@ -447,7 +459,8 @@ impl Draft {
         let normal = mix(&|k| corners[k].normal).try_normalize().unwrap_or(corners[0].normal);
         let face = &self.faces[leaf.face as usize];
         let triangle = face.triangle_at(tracer, position);
-        self.receiver_at(tracer, face, position, normal, triangle)
+        let medium = self.medium_of_root[leaf.root as usize];
+        self.receiver_at(tracer, face, medium, position, normal, triangle)
     }
 
     /// A receiver at a point of a face.
@@ -455,6 +468,7 @@ impl Draft {
         &self,
         tracer: &Tracer,
         face: &FaceDraft,
+        medium: MediumId,
         position: Vec3,
         normal: Vec3,
         triangle: TriangleId,
@@ -472,7 +486,7 @@ impl Draft {
             normal,
             geometric: face.side.orient(tracer.scene().geometric_normal(triangle)),
             coat,
-            media: MediumStack::inside(face.medium),
+            media: MediumStack::inside(medium),
         }
     }
 
@@ -523,7 +537,6 @@ impl Draft {
                 elements: start..elements.len() as u32,
                 origin: face.frame.origin.as_vec3(),
                 axes: face.frame.axes.map(|a| a.as_vec3()),
-                medium: face.medium.0,
             });
         }
         Displayed { mesh: DisplayMesh::new(vertices, elements, faces, face_of), origin, roots, leaves }

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, HashMap};
 use glam::{DVec2, DVec3, Vec3};
 
 use catoptric_scene::{Side, TriangleId};
-use catoptric_trace::{MediumId, PlaneId, Tracer};
+use catoptric_trace::{PlaneId, Tracer};
 
 /// A flat region of one material on one side.
 #[derive(Clone, Debug)]
@@ -21,8 +21,6 @@ pub struct FaceDraft {
     pub curved: bool,
     /// Frame of plane coordinates.
     pub frame: Frame,
-    /// Medium on this side.
-    pub medium: MediumId,
 }
 
 /// Plane coordinates: p = origin + x·axes\[0\] + y·axes\[1\].
@@ -136,16 +134,9 @@ fn push_sides(
 ) {
     let back = tracer.has_back(triangles[0]);
     if back {
-        faces.push(FaceDraft {
-            triangles: triangles.clone(),
-            side: Side::Back,
-            plane,
-            curved,
-            frame,
-            medium: MediumId::AIR,
-        });
+        faces.push(FaceDraft { triangles: triangles.clone(), side: Side::Back, plane, curved, frame });
     }
-    faces.push(FaceDraft { triangles, side: Side::Front, plane, curved, frame, medium: MediumId::AIR });
+    faces.push(FaceDraft { triangles, side: Side::Front, plane, curved, frame });
 }
 
 /// Splits triangles into groups that hang together by common corners.

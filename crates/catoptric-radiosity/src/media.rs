@@ -1,36 +1,90 @@
 //! In which medium a face lies: receivers inside of water or glass.
 
-use glam::Vec3;
+use std::collections::BTreeMap;
 
-use catoptric_scene::Transmission;
+use glam::Vec3;
+use rayon::prelude::*;
+
+use catoptric_scene::{Side, Transmission, TriangleId};
 use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame};
 use catoptric_trace::{MediumId, PlaneId, Ray, Tracer};
 
-use crate::face::FaceDraft;
+use crate::draft::Draft;
 
 /// Rays that vote per face.
 const VOTES: u32 = 9;
 
-/// Sets the medium of every face: rays leave it, and the first border of a solid that they meet says by its side
-/// whether they were inside. Opaque things on the way say nothing.
-pub fn find_media(tracer: &Tracer, faces: &mut [FaceDraft]) {
-    let scene = tracer.scene();
+/// Sets the medium of every base triangle and vertex: rays leave it, and the first border of a solid that they meet says by
+/// its side whether they were inside. Opaque things on the way say nothing.
+///
+/// The surface of water cuts the faces that it crosses, and vertices are not shared across the cut: what hangs together
+/// lies in one medium.
+pub fn find_media(tracer: &Tracer, draft: &mut Draft) {
     if !has_solids(tracer) {
         return;
     }
-    for (index, face) in faces.iter_mut().enumerate() {
-        let triangle = face.triangles[0];
-        let normal = face.side.orient(scene.geometric_normal(triangle));
-        let [a, b, c] = scene.corners(triangle);
-        let origin = (a + b + c) / 3.0;
-        let (tangent, bitangent) = frame(normal);
-        let key = Key::new(0, Purpose::Test, index as u64);
-        let from = tracer.planes().of(triangle);
-        face.medium = vote(tracer, origin, from, |vote| {
-            let local = cosine_hemisphere(key.point2(vote));
-            tangent * local.x + bitangent * local.y + normal * local.z
-        });
+    let mut parent: Vec<u32> = (0..draft.vertices.len() as u32).collect();
+    for [a, b, c] in draft.base.iter().copied() {
+        join(&mut parent, a, b);
+        join(&mut parent, a, c);
     }
+    // The largest triangle of each region speaks for it; triangles of curved surfaces speak for themselves.
+    let mut largest: BTreeMap<(u32, u32), (f32, u32)> = BTreeMap::new();
+    let region = |parent: &mut [u32], draft: &Draft, root: usize| {
+        let face = draft.face_of_root[root];
+        let curved = draft.faces[face as usize].curved;
+        (face, if curved { 0 } else { find(parent, draft.base[root][0]) })
+    };
+    for leaf in &draft.leaves {
+        let area = draft.area(leaf);
+        let best = largest.entry(region(&mut parent, draft, leaf.root as usize)).or_insert((area, leaf.root));
+        if area > best.0 {
+            *best = (area, leaf.root);
+        }
+    }
+    let medium_of: BTreeMap<(u32, u32), MediumId> = largest
+        .into_par_iter()
+        .map(|(key, (_, root))| {
+            let corners = draft.base[root as usize].map(|v| draft.vertices[v as usize].position);
+            let center = corners.iter().sum::<Vec3>() / 3.0;
+            let face = &draft.faces[key.0 as usize];
+            (key, medium_before(tracer, center, face.triangle_at(tracer, center), face.side))
+        })
+        .collect();
+    for root in (0..draft.roots).rev() {
+        let medium = medium_of[&region(&mut parent, draft, root)];
+        draft.medium_of_root[root] = medium;
+        for v in draft.base[root] {
+            draft.vertices[v as usize].medium = medium;
+        }
+    }
+}
+
+fn find(parent: &mut [u32], mut of: u32) -> u32 {
+    while parent[of as usize] != of {
+        parent[of as usize] = parent[parent[of as usize] as usize];
+        of = parent[of as usize];
+    }
+    of
+}
+
+fn join(parent: &mut [u32], a: u32, b: u32) {
+    let (a, b) = (find(parent, a), find(parent, b));
+    parent[a.max(b) as usize] = a.min(b);
+}
+
+/// The medium before a side of a triangle at one of its points.
+pub(crate) fn medium_before(tracer: &Tracer, origin: Vec3, triangle: TriangleId, side: Side) -> MediumId {
+    if !has_solids(tracer) {
+        return MediumId::AIR;
+    }
+    let normal = side.orient(tracer.scene().geometric_normal(triangle));
+    let (tangent, bitangent) = frame(normal);
+    let key = Key::new(0, Purpose::Test, u64::from(triangle.0) << 1 | side as u64);
+    vote(tracer, origin, tracer.planes().of(triangle), |vote| {
+        let local = cosine_hemisphere(key.point2(vote));
+        tangent * local.x + bitangent * local.y + normal * local.z
+    })
 }
 
 /// Whether anything is solid glass.

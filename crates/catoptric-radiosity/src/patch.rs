@@ -48,9 +48,10 @@ impl PatchMesh {
         for leaf in &draft.leaves {
             let area = draft.area(leaf);
             let face = &draft.faces[leaf.face as usize];
+            let medium = draft.medium_of_root[leaf.root as usize];
             let center = draft.center(leaf);
             let patch = if area >= CLUSTER_BELOW * spacing * spacing {
-                mesh.push(face.medium)
+                mesh.push(medium)
             } else {
                 // One cluster per cube of the spacing, material, side and dominant direction.
                 let normal = face.side.orient(scene.geometric_normal(face.triangles[0]));
@@ -58,9 +59,8 @@ impl PatchMesh {
                 let cube = (center / spacing).floor();
                 let material = scene.material_id_of(face.triangles[0]).0 as i32;
                 let kind = axis << 1 | face.side as i32;
-                let medium = i32::from(face.medium.0);
-                let key = [cube.x as i32, cube.y as i32, cube.z as i32, material, kind, medium];
-                *clusters.entry(key).or_insert_with(|| mesh.push(face.medium))
+                let key = [cube.x as i32, cube.y as i32, cube.z as i32, material, kind, i32::from(medium.0)];
+                *clusters.entry(key).or_insert_with(|| mesh.push(medium))
             };
             mesh.add(tracer, draft, leaf.root, patch, area, center);
         }
@@ -162,7 +162,8 @@ impl PatchMesh {
         let face = &draft.faces[draft.face_of_root[root as usize] as usize];
         let triangle = face.triangle_at(tracer, position);
         let normal = face.side.orient(tracer.scene().geometric_normal(triangle));
-        draft.receiver_at(tracer, face, position, normal, triangle)
+        let medium = draft.medium_of_root[root as usize];
+        draft.receiver_at(tracer, face, medium, position, normal, triangle)
     }
 }
 

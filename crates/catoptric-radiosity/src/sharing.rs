@@ -220,6 +220,6 @@ fn place(position: Vec3, cell: f32) -> [i32; 3] {
 }
 
 fn kind(draft: &Draft, vertex: u32) -> u32 {
-    let face = &draft.faces[draft.vertices[vertex as usize].face as usize];
-    u32::from(face.medium.0) << 1 | face.side as u32
+    let vertex = &draft.vertices[vertex as usize];
+    u32::from(vertex.medium.0) << 1 | draft.faces[vertex.face as usize].side as u32
 }

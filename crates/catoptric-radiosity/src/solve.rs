@@ -14,7 +14,6 @@ use crate::caustic::{CausticParams, CausticReport, caustic};
 use crate::draft::{Displayed, Draft};
 use crate::fit::{FitParams, FitSample, fit};
 use crate::gather::{DiffuseLight, Gathered, Surroundings, gather, look_around};
-use crate::media::find_media;
 use crate::patch::{PatchId, PatchMesh};
 use crate::refine::{Field, RefineParams, Values, refine};
 use crate::rows::{PatchLocator, Row, rows};
@@ -390,8 +389,7 @@ fn fit_sources(
 /// The draft and the patches of a coarse solve with about `count` base triangles.
 pub fn coarse_patches(tracer: &Tracer, count: usize) -> (Draft, PatchMesh) {
     let spacing = spacing(tracer, count);
-    let mut draft = Draft::new(tracer, spacing);
-    find_media(tracer, &mut draft.faces);
+    let draft = Draft::new(tracer, spacing);
     let patches = PatchMesh::new(tracer, &draft, spacing);
     (draft, patches)
 }

@@ -4,7 +4,6 @@ use catoptric_light::{LightParams, Lights};
 use catoptric_radiosity::caustic::{Caustic, CausticParams, caustic};
 use catoptric_radiosity::draft::{Displayed, Draft};
 use catoptric_radiosity::gather::{DiffuseLight, gather};
-use catoptric_radiosity::media::find_media;
 use catoptric_scene::{
     Material, PunctualKind, PunctualLight, Radiance, Rgb, Scene, SceneParts, Silent, Transmission,
 };
@@ -24,8 +23,7 @@ struct Case {
 
 fn solve(tracer: &Tracer, spacing: f32, rays: u32) -> Case {
     let lights = Lights::new(tracer, LightParams::default());
-    let mut draft = Draft::new(tracer, spacing);
-    find_media(tracer, &mut draft.faces);
+    let draft = Draft::new(tracer, spacing);
     let base = draft.display(tracer);
     let other = vec![Rgb::ZERO; draft.vertices.len()];
     let params =
@@ -219,7 +217,14 @@ fn light_side_rays_and_hemisphere_gathers_agree() {
                     position[(axis + 1) % 3] = at.x;
                     position[(axis + 2) % 3] = at.y;
                     let triangle = face.triangle_at(&tracer, position);
-                    let receiver = draft.receiver_at(&tracer, face, position, normal, triangle);
+                    let receiver = draft.receiver_at(
+                        &tracer,
+                        face,
+                        draft.medium_of_root[leaf.root as usize],
+                        position,
+                        normal,
+                        triangle,
+                    );
                     let walk = WalkParams::default();
                     f64::from(gather(&lights, &light, &receiver, 128, key.child(index), &walk).caustic.y)
                 })

@@ -119,7 +119,6 @@ pub fn append(asset: &mut Asset, scene: &Scene, solution: &Solution) -> Result<(
     writer.indices("face_elements", mesh.faces.iter().map(|f| f.elements.end - f.elements.start))?;
     writer.vectors("face_origin", mesh.faces.iter().map(|f| f.origin))?;
     writer.vectors("face_axes", mesh.faces.iter().flat_map(|f| f.axes))?;
-    writer.indices("face_medium", mesh.faces.iter().map(|f| u32::from(f.medium)))?;
     writer.indices("face_of_front", mesh.face_of[0].iter().map(|f| f.0))?;
     writer.indices("face_of_back", mesh.face_of[1].iter().map(|f| f.0))?;
     writer.scalars("patch_area", &patches.areas)?;
@@ -212,7 +211,6 @@ fn read_mesh(asset: &Asset, description: &Description) -> Result<DisplayMesh, Fi
     let side = below("vertex_side", indices(asset, "vertex_side", vertices)?, 2)?;
     let corners = indices(asset, "element_vertices", elements.saturating_mul(3))?;
     let corners = below("element_vertices", corners, vertices)?;
-    let medium = below("face_medium", indices(asset, "face_medium", faces)?, 1 << 16)?;
     let lengths = indices(asset, "face_elements", faces)?;
     let total: u64 = lengths.iter().map(|&length| u64::from(length)).sum();
     if total != elements as u64 {
@@ -240,12 +238,7 @@ fn read_mesh(asset: &Asset, description: &Description) -> Result<DisplayMesh, Fi
         .map(|i| {
             let end = start + lengths[i];
             let elements = std::mem::replace(&mut start, end)..end;
-            Face {
-                elements,
-                origin: origins[i],
-                axes: [axes[2 * i], axes[2 * i + 1]],
-                medium: medium[i] as u16,
-            }
+            Face { elements, origin: origins[i], axes: [axes[2 * i], axes[2 * i + 1]] }
         })
         .collect();
     Ok(DisplayMesh::new(vertices, elements, faces, face_of))

@@ -44,8 +44,6 @@ pub struct Face {
     pub origin: Vec3,
     /// Unit axes of its plane.
     pub axes: [Vec3; 2],
-    /// Medium on this side: 0 for air, else material + 1.
-    pub medium: u16,
 }
 
 impl Face {
@@ -66,8 +64,6 @@ pub struct Located {
     pub weights: [f32; 3],
     /// The element.
     pub element: u32,
-    /// Medium on this side of the face.
-    pub medium: u16,
 }
 
 /// The mesh. Elements are grouped by face; a triangle of the scene knows its faces by side.
@@ -109,12 +105,7 @@ impl DisplayMesh {
         let id = self.face(triangle, side)?;
         let face = &self.faces[id.0 as usize];
         let (element, weights) = self.locator.find(id, face, face.plane_point(position))?;
-        Some(Located {
-            vertices: self.elements[element as usize].vertices,
-            weights,
-            element,
-            medium: face.medium,
-        })
+        Some(Located { vertices: self.elements[element as usize].vertices, weights, element })
     }
 
     /// Position of barycentric coordinates in an element.

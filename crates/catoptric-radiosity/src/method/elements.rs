@@ -10,8 +10,7 @@ use catoptric_solution::DisplayMesh;
 use catoptric_trace::{MediumStack, PlaneId, Tracer};
 
 use crate::draft::Draft;
-use crate::face::{FaceDraft, Frame};
-use crate::media::find_media;
+use crate::media::medium_before;
 use crate::patch::{PatchId, PatchMesh};
 
 /// A flat convex part of one side of an element.
@@ -223,12 +222,8 @@ impl Piece {
 
 /// Medium in front of a side.
 fn medium_of(tracer: &Tracer, triangle: TriangleId, side: Side) -> MediumStack {
-    let frame = Frame::of(tracer.scene().corners(triangle));
-    let plane = tracer.planes().of(triangle);
-    let medium = catoptric_trace::MediumId::AIR;
-    let mut face = [FaceDraft { triangles: vec![triangle], side, plane, curved: false, frame, medium }];
-    find_media(tracer, &mut face);
-    MediumStack::inside(face[0].medium)
+    let [a, b, c] = tracer.scene().corners(triangle);
+    MediumStack::inside(medium_before(tracer, (a + b + c) / 3.0, triangle, side))
 }
 
 /// The triangles of one surface as few convex polygons: neighbours in one plane are joined while the result is convex.
