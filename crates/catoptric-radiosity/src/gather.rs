@@ -187,6 +187,15 @@ impl Half {
 }
 
 impl Gathered {
+    /// Adds a share of the light of another gather; ledgers stay apart.
+    #[inline]
+    pub fn add(&mut self, other: &Self, share: f32) {
+        self.direct += other.direct * share;
+        self.mirrored += other.mirrored * share;
+        self.caustic += other.caustic * share;
+        self.indirect += other.indirect * share;
+    }
+
     /// All classes.
     #[inline]
     fn total(&self) -> Rgb {

@@ -67,9 +67,9 @@ impl SolveParams {
     pub fn for_quality(quality: Quality) -> Self {
         let (base_triangles, max_vertices, tolerance, shadow_rays, row_rays, gather_rays, near_rounds) =
             match quality {
-                Quality::Draft => (400, 1_500, 0.06, 16, 64, 64, 1),
-                Quality::Standard => (1_200, 4_000, 0.02, 32, 64, 256, 2),
-                Quality::High => (5_000, 60_000, 0.006, 128, 128, 1_024, 4),
+                Quality::Draft => (400, 1_500, 0.06, 16, 64, 48, 1),
+                Quality::Standard => (1_200, 4_000, 0.02, 32, 64, 192, 2),
+                Quality::High => (5_000, 60_000, 0.006, 128, 128, 768, 4),
             };
         let inside_rounds = if quality == Quality::Draft { 0 } else { 2 };
         Self {
@@ -91,8 +91,8 @@ impl SolveParams {
             fit: FitParams::default(),
             row_rays,
             gather_rays,
-            vertex_rays: gather_rays / 2,
-            gather_points: 2.0,
+            vertex_rays: gather_rays * 2 / 3,
+            gather_points: 4.0,
             near: 1.5,
             near_rounds,
             gather_fit: FitParams { prior: 0.1, smoothing: 0.06, ..FitParams::default() },
@@ -577,6 +577,73 @@ fn vertex_budgets(
         .unzip()
 }
 
+/// Points around a vertex at which it gathers.
+const POINTS_AROUND: u32 = 4;
+
+/// The elements around each vertex of a display mesh.
+///
+/// A vertex that gathers at its own place sees the darkest of a corner, and a face with nothing but corners would be dark
+/// all over. Points spread with the density of its hat function give the mean that the hat stands for: the integral of
+/// the light is kept.
+struct Hats {
+    /// Per draft vertex: where its elements start in `elements`.
+    first: Vec<u32>,
+    elements: Vec<u32>,
+}
+
+impl Hats {
+    fn new(displayed: &Displayed, vertices: usize) -> Self {
+        let corners = |e: &catoptric_solution::Element| e.vertices.map(|v| displayed.origin[v as usize]);
+        let mut first = vec![0_u32; vertices + 1];
+        for v in displayed.mesh.elements.iter().flat_map(corners) {
+            first[v as usize + 1] += 1;
+        }
+        for v in 0..vertices {
+            first[v + 1] += first[v];
+        }
+        let mut next = first.clone();
+        let mut elements = vec![0; first[vertices] as usize];
+        for (index, element) in displayed.mesh.elements.iter().enumerate() {
+            for v in corners(element) {
+                elements[next[v as usize] as usize] = index as u32;
+                next[v as usize] += 1;
+            }
+        }
+        Self { first, elements }
+    }
+
+    /// A point around a draft vertex: its element and weights there. `None` where no element touches it.
+    fn point(&self, displayed: &Displayed, vertex: u32, key: Key, index: u32) -> Option<(u32, [f32; 3])> {
+        let mesh = &displayed.mesh;
+        let [start, end] = [0, 1].map(|k| self.first[vertex as usize + k] as usize);
+        let around = &self.elements[start..end];
+        let total: f32 = around.iter().map(|&e| mesh.area(e)).sum();
+        let at = key.point2(index);
+        let mut left = (index as f32 + key.child(1).uniform(index)) / POINTS_AROUND as f32 * total;
+        let mut chosen = *around.last()?;
+        for &element in around {
+            left -= mesh.area(element);
+            if left < 0.0 {
+                chosen = element;
+                break;
+            }
+        }
+        // The weight of the vertex has the density 6w(1 − w): the middle of three uniform numbers. The rest is uniform.
+        let third = key.child(2).uniform(index);
+        let [x, y] = [at.x, at.y];
+        let own = x.min(y).max(x.max(y).min(third));
+        let share = key.child(3).uniform(index);
+        let others = [(1.0 - own) * share, (1.0 - own) * (1.0 - share)];
+        let corners = mesh.elements[chosen as usize].vertices;
+        let place = corners.iter().position(|&v| displayed.origin[v as usize] == vertex)?;
+        let mut weights = [0.0; 3];
+        weights[place] = own;
+        weights[(place + 1) % 3] = others[0];
+        weights[(place + 2) % 3] = others[1];
+        Some((chosen, weights))
+    }
+}
+
 /// Gathered light at the vertices of the mesh of the gathers.
 struct GatheredLight {
     /// Direct, mirrored, caustic and indirect per draft vertex; `None` where no element touches it.
@@ -689,7 +756,8 @@ fn gather_all(
         })
         .collect();
     progress.begin("gather", (samples.len() + mesh.vertices.len()) as u64);
-    let seen = sight.with(&spread(sight.draft, coarse.patches, coarse.indirect));
+    let coarse_seen = spread(sight.draft, coarse.patches, coarse.indirect);
+    let seen = sight.with(&coarse_seen);
     let light = DiffuseLight { mesh: &sight.displayed.mesh, irradiance: &seen };
     let work = |light: &DiffuseLight, receiver: &Receiver, rays: u32, entity: u64| {
         if progress.is_cancelled() {
@@ -699,6 +767,19 @@ fn gather_all(
         let result = gather(lights, light, receiver, rays, key, &params.walk);
         progress.advance(1);
         result
+    };
+    let hats = Hats::new(&displayed, draft.vertices.len());
+    let around = |light: &DiffuseLight, vertex: u32, rays: u32, bit: u64| {
+        let mut sum = Gathered::default();
+        let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(vertex) | bit | 1 << 47);
+        for index in 0..POINTS_AROUND {
+            let Some((element, weights)) = hats.point(&displayed, vertex, key, index) else { break };
+            let receiver = draft.receiver_inside(tracer, &displayed, element, weights);
+            let entity = u64::from(vertex) | bit | u64::from(index) << 50;
+            let found = work(light, &receiver, rays.div_ceil(POINTS_AROUND), entity);
+            sum.add(&found, 1.0 / POINTS_AROUND as f32);
+        }
+        sum
     };
     let (mut vertex_rays, mut trust) = vertex_budgets(draft, &displayed, hidden, params, whole);
     for (i, &v) in displayed.origin.iter().enumerate().filter(|(_, v)| sharing.shares(**v)) {
@@ -712,6 +793,7 @@ fn gather_all(
         .with_min_len(8)
         .map(|(&v, &rays)| match rays {
             0 => Gathered::default(),
+            _ if sharing.shares(v) => around(&light, v, rays, 0),
             _ => work(&light, &draft.receiver(tracer, v), rays, u64::from(v)),
         })
         .collect();
@@ -739,7 +821,7 @@ fn gather_all(
         .leads()
         .par_iter()
         .with_min_len(4)
-        .map(|&v| work(&light, &draft.receiver(tracer, v), params.gather_rays, u64::from(v) | 1 << 45))
+        .map(|&v| around(&light, v, params.gather_rays, 1 << 45))
         .collect();
     for (&lead, gathered) in sharing.leads().iter().zip(again) {
         at_vertices[shared.shown[lead as usize] as usize] = gathered;
@@ -754,12 +836,12 @@ fn gather_all(
     for &v in &displayed.origin {
         terms[v as usize] = Some([Rgb::ZERO; 4]);
     }
-    for term in 0..4 {
+    let fit_term = |terms: &mut [Option<[Rgb; 4]>], at_vertices: &[Gathered], term: usize| {
         let value = |g: &Gathered| [g.direct, g.mirrored, g.caustic, g.indirect][term];
         let prior: Vec<Rgb> = at_vertices.iter().map(value).collect();
         let values: Vec<Rgb> = inside.iter().map(value).collect();
         if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
-            continue;
+            return;
         }
         for (&v, fitted) in
             displayed.origin.iter().zip(fit(mesh, &samples, &values, &prior, &trust, &fit_params))
@@ -768,15 +850,26 @@ fn gather_all(
                 terms[term] = fitted;
             }
         }
+    };
+    for term in 0..4 {
+        fit_term(&mut terms, &at_vertices, term);
     }
-    // What the last gathers found beyond what they saw is missing from all further reflections.
-    let lack: Vec<Rgb> = terms
-        .iter()
-        .zip(&looked_at)
-        .map(|(terms, seen)| terms.map_or(Rgb::ZERO, |t| t.iter().copied().sum::<Rgb>() - *seen))
-        .collect();
-    let onward = coarse.onward(draft, &lack, &params.solver);
-    let more = spread(draft, coarse.patches, &onward);
+    // What was found beyond what was seen is missing from all further reflections: `seen` per draft vertex.
+    let missing = |terms: &[Option<[Rgb; 4]>], seen: &[Rgb]| {
+        let lack = |(terms, seen): (&Option<[Rgb; 4]>, &Rgb)| {
+            terms.map_or(Rgb::ZERO, |t| t.iter().copied().sum::<Rgb>() - *seen)
+        };
+        let lack: Vec<Rgb> = terms.iter().zip(seen).map(lack).collect();
+        spread(draft, coarse.patches, &coarse.onward(draft, &lack, &params.solver))
+    };
+    // The vertices saw the coarse solution: with what it lacks they hold the fit where it belongs.
+    let more = missing(&terms, &coarse_seen);
+    for (&v, gathered) in displayed.origin.iter().zip(&mut at_vertices).filter(|(v, _)| !sharing.shares(**v))
+    {
+        gathered.indirect = (gathered.indirect + more[v as usize]).max(Rgb::ZERO);
+    }
+    fit_term(&mut terms, &at_vertices, 3);
+    let more = missing(&terms, &looked_at);
     for (terms, more) in terms.iter_mut().zip(&more) {
         if let Some([.., indirect]) = terms {
             *indirect = (*indirect + *more).max(Rgb::ZERO);
@@ -813,10 +906,7 @@ impl<'a> SharedGathers<'a> {
             let mut sum = Gathered::default();
             for &(lead, weight) in self.sharing.parts(v) {
                 let from = &gathered[self.shown[lead as usize] as usize];
-                sum.direct += from.direct * weight;
-                sum.mirrored += from.mirrored * weight;
-                sum.caustic += from.caustic * weight;
-                sum.indirect += from.indirect * weight;
+                sum.add(from, weight);
             }
             gathered[index] = sum;
         }
