@@ -177,7 +177,7 @@ mod tests {
             })
             .collect();
         let count = elements.len() as u32;
-        let face = Face { elements: 0..count, origin: Vec3::ZERO, axes: [Vec3::X, Vec3::Y], medium: 0 };
+        let face = Face { elements: 0..count, origin: Vec3::ZERO, axes: [Vec3::X, Vec3::Y] };
         DisplayMesh::new(vertices, elements, vec![face], [vec![FaceId(0)], vec![FaceId::NONE]])
     }
 
