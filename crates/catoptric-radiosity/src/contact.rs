@@ -4,26 +4,19 @@
 use glam::{DVec2, DVec3};
 
 use catoptric_scene::{Scene, TriangleId};
+use catoptric_trace::BoxTree;
 
 use crate::face::FaceDraft;
 
 /// A segment in the plane coordinates of a face.
 pub type Segment = [DVec2; 2];
 
-/// Axis-aligned boxes of triangles, grouped for quick rejection.
+/// All triangles of a scene, to be asked which are near a face.
 pub struct Obstacles {
-    groups: Vec<Group>,
+    tree: BoxTree,
     reach: f64,
 }
 
-struct Group {
-    min: DVec3,
-    max: DVec3,
-    triangles: Vec<TriangleId>,
-}
-
-/// Triangles per group.
-const GROUP: usize = 64;
 /// Distance from a plane that counts as touching, relative to the scene's size: f32 positions carry 2⁻²⁴ each, authored
 /// contact is often off by a few of them after transforms.
 const TOUCH: f64 = 4e-6;
@@ -31,19 +24,11 @@ const TOUCH: f64 = 4e-6;
 impl Obstacles {
     /// All triangles of the scene.
     pub fn new(scene: &Scene, center: DVec3, diagonal: f64) -> Self {
-        let mut groups = Vec::new();
-        for surface in scene.surfaces() {
-            let ids: Vec<TriangleId> = surface.triangles.clone().map(TriangleId).collect();
-            for chunk in ids.chunks(GROUP) {
-                let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-                for corner in chunk.iter().flat_map(|&t| scene.corners(t)) {
-                    min = min.min(corner.as_dvec3());
-                    max = max.max(corner.as_dvec3());
-                }
-                groups.push(Group { min, max, triangles: chunk.to_vec() });
-            }
-        }
-        Self { groups, reach: diagonal + center.abs().max_element() }
+        let boxes = (0..scene.triangles().len() as u32).map(|t| {
+            let [a, b, c] = scene.corners(TriangleId(t));
+            [a.min(b).min(c), a.max(b).max(c)]
+        });
+        Self { tree: BoxTree::new(boxes), reach: diagonal + center.abs().max_element() }
     }
 
     /// Distance that counts as touching, metres.
@@ -63,42 +48,31 @@ impl Obstacles {
             max = max.max(corner.as_dvec3());
         }
         let (min, max) = (min - tolerance.max(gap), max + tolerance.max(gap));
-        let outside = |a: DVec3, b: DVec3| (0..3).any(|i| a[i] > max[i] || b[i] < min[i]);
         let own: Vec<[DVec2; 3]> =
             face.triangles.iter().map(|&t| scene.corners(t).map(|c| frame.flat(c.as_dvec3()))).collect();
         let mut segments = Vec::new();
         let mut hanging: Vec<[DVec2; 3]> = Vec::new();
-        for group in &self.groups {
-            if outside(group.min, group.max) {
+        for id in self.tree.overlapping(min, max).into_iter().map(TriangleId) {
+            if face.triangles.binary_search(&id).is_ok() {
                 continue;
             }
-            for &id in &group.triangles {
-                if face.triangles.binary_search(&id).is_ok() {
-                    continue;
+            let corners = scene.corners(id).map(|c| c.as_dvec3());
+            let heights = corners.map(|c| frame.height(c));
+            // Only what rises on the face's own side casts light or shadow there; coplanar outlines do too.
+            let side = match face.side {
+                catoptric_scene::Side::Front => 1.0,
+                catoptric_scene::Side::Back => -1.0,
+            };
+            let rises = heights.iter().any(|h| h * side > tolerance);
+            let flat = heights.iter().all(|h| h.abs() <= tolerance);
+            if flat {
+                for k in 0..3 {
+                    segments.push([frame.flat(corners[k]), frame.flat(corners[(k + 1) % 3])]);
                 }
-                let corners = scene.corners(id).map(|c| c.as_dvec3());
-                let low = corners[0].min(corners[1]).min(corners[2]);
-                let high = corners[0].max(corners[1]).max(corners[2]);
-                if outside(low, high) {
-                    continue;
-                }
-                let heights = corners.map(|c| frame.height(c));
-                // Only what rises on the face's own side casts light or shadow there; coplanar outlines do too.
-                let side = match face.side {
-                    catoptric_scene::Side::Front => 1.0,
-                    catoptric_scene::Side::Back => -1.0,
-                };
-                let rises = heights.iter().any(|h| h * side > tolerance);
-                let flat = heights.iter().all(|h| h.abs() <= tolerance);
-                if flat {
-                    for k in 0..3 {
-                        segments.push([frame.flat(corners[k]), frame.flat(corners[(k + 1) % 3])]);
-                    }
-                } else if rises && is_parallel(&heights, gap, tolerance, side) {
-                    hanging.push(corners.map(|c| frame.flat(c)));
-                } else if rises && let Some(segment) = crossing(&corners, &heights, tolerance) {
-                    segments.push(segment.map(|p| frame.flat(p)));
-                }
+            } else if rises && is_parallel(&heights, gap, tolerance, side) {
+                hanging.push(corners.map(|c| frame.flat(c)));
+            } else if rises && let Some(segment) = crossing(&corners, &heights, tolerance) {
+                segments.push(segment.map(|p| frame.flat(p)));
             }
         }
         segments.extend(crate::triangulate::outline(&hanging, tolerance));

@@ -3,6 +3,7 @@
 //! Does not know patches, meshes for display, solvers or cameras. The interaction of light with a surface exists once,
 //! in [`interaction`]; every pass drives it through [`walk`].
 
+pub mod boxes;
 pub mod chain;
 pub mod fresnel;
 pub mod interaction;
@@ -14,6 +15,7 @@ pub mod tracer;
 mod tree;
 pub mod walk;
 
+pub use boxes::BoxTree;
 pub use chain::{Chain, Event};
 pub use ledger::Ledger;
 pub use medium::{MediumId, MediumStack};

@@ -1,0 +1,81 @@
+//! Which boxes overlap a box: a tree for questions that are not about rays.
+
+use glam::{DVec3, Vec3};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+
+/// A tree over axis-aligned boxes.
+#[derive(Default)]
+pub struct BoxTree {
+    tree: Bvh2,
+    reach: f32,
+}
+
+impl BoxTree {
+    /// Builds the tree; boxes are known by their index.
+    pub fn new(boxes: impl Iterator<Item = [Vec3; 2]>) -> Self {
+        let boxes: Vec<Aabb> = boxes.map(|[min, max]| Aabb::new(min.into(), max.into())).collect();
+        if boxes.is_empty() {
+            return Self::default();
+        }
+        let reach = boxes.iter().map(|b| b.min.abs().max(b.max.abs()).max_element()).fold(0.0, f32::max);
+        let indices = (0..boxes.len() as u32).collect();
+        let build = PlocBuilder::with_capacity(boxes.len()).build(
+            PlocSearchDistance::Minimum,
+            &boxes,
+            indices,
+            SortPrecision::U64,
+            0,
+        );
+        Self { tree: build, reach }
+    }
+
+    /// The boxes that overlap or touch a box, ascending. Some that nearly touch may be among them.
+    pub fn overlapping(&self, min: DVec3, max: DVec3) -> Vec<u32> {
+        // Rounding to f32 must not lose a box that touches.
+        let margin = self.reach * f32::EPSILON;
+        let query = Aabb::new((min.as_vec3() - margin).into(), (max.as_vec3() + margin).into());
+        let mut found = Vec::new();
+        self.tree.aabb_traverse(query, |tree, node| {
+            let node = &tree.nodes[node as usize];
+            let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
+            found.extend(&tree.primitive_indices[range]);
+            true
+        });
+        found.sort_unstable();
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sequence::{Key, Purpose};
+
+    #[test]
+    fn finds_what_a_loop_over_all_boxes_finds() {
+        let key = Key::new(5, Purpose::Test, 0);
+        let point = |i: u32, k: u64| {
+            let [a, b] = [key.child(2 * k as u32).point2(i), key.child(2 * k as u32 + 1).point2(i)];
+            Vec3::new(a.x, a.y, b.x) * 10.0 - 5.0
+        };
+        for count in [0, 1, 2, 3, 500] {
+            let boxes: Vec<[Vec3; 2]> = (0..count)
+                .map(|i| point(i, 0))
+                .zip((0..count).map(|i| point(i, 1).abs() * 0.2))
+                .map(|(p, s)| [p, p + s])
+                .collect();
+            let tree = BoxTree::new(boxes.iter().copied());
+            for query in 0..200 {
+                let (min, size) = (point(query, 2), point(query, 3).abs() * 0.3);
+                let max = min + size;
+                let touches = |b: &[Vec3; 2]| b[0].cmple(max).all() && b[1].cmpge(min).all();
+                let expected: Vec<u32> = (0..count).filter(|&i| touches(&boxes[i as usize])).collect();
+                let mut found = tree.overlapping(min.as_dvec3(), max.as_dvec3());
+                found.retain(|&i| touches(&boxes[i as usize]));
+                assert_eq!(found, expected);
+            }
+        }
+    }
+}
