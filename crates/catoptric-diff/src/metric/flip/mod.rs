@@ -103,15 +103,19 @@ pub fn error_map(
     exposures: Exposures,
     ppd: f32,
 ) -> Vec<f32> {
-    let mut map = vec![0.0; width * height];
+    let pictures = [reference, test].map(|planes| Picture { width, height, planes });
+    error_map_on(Arch::new(), pictures, exposures, ppd)
+}
+
+/// [`error_map`] with the vectors of `arch`.
+fn error_map_on(arch: Arch, [reference, test]: [Picture; 2], exposures: Exposures, ppd: f32) -> Vec<f32> {
+    let mut map = vec![0.0; reference.width * reference.height];
     if map.is_empty() {
         return map;
     }
     let filters = Filters::new(ppd);
     let displays = exposures.displays();
-    let [reference, test] = [reference, test].map(|planes| Picture { width, height, planes });
-    let arch = Arch::new();
-    blocks(&mut map, width).into_par_iter().for_each_init(
+    blocks(&mut map, reference.width).into_par_iter().for_each_init(
         || Workspace::new(&filters),
         |workspace, mut block| {
             if block.sees_no_difference(reference, test, filters.radius) {
@@ -142,4 +146,65 @@ fn blocks(map: &mut [f32], width: usize) -> Vec<Block<'_>> {
         }
     }
     blocks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An image of noise: larger than a block both ways, of odd size.
+    fn noise(seed: u32) -> Planes {
+        let sample = |channel: u32| {
+            move |i: u32| {
+                let hash = (i * 3 + channel + seed).wrapping_mul(0x9e37_79b9) ^ (i << 7);
+                (hash.wrapping_mul(0x85eb_ca6b) >> 8) as f32 / (1 << 20) as f32
+            }
+        };
+        Planes::new([0, 1, 2].map(|channel| (0..WIDE * HIGH).map(sample(channel)).collect()))
+    }
+
+    const WIDE: u32 = 301;
+    const HIGH: u32 = 131;
+
+    #[test]
+    fn maps_are_the_same_bits_for_any_vectors_and_any_number_of_threads() {
+        let (reference, test) = (noise(1), noise(2));
+        let pictures =
+            [&reference, &test].map(|planes| Picture { width: WIDE as usize, height: HIGH as usize, planes });
+        let bits = |arch: Arch, threads: usize| -> Vec<u32> {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            let range = Exposures::Range { start: -3.0, stop: 1.0, count: 3 };
+            let map = pool.install(|| error_map_on(arch, pictures, range, DEFAULT_PPD));
+            map.into_iter().map(f32::to_bits).collect()
+        };
+        let expected = bits(Arch::Scalar, 1);
+        assert!(expected.iter().any(|&v| f32::from_bits(v) > 0.1), "noise differs");
+        assert!(expected == bits(Arch::new(), 1), "vectors change the bits");
+        assert!(expected == bits(Arch::new(), 5), "threads change the bits");
+    }
+
+    #[test]
+    fn equal_images_have_no_error_and_a_changed_pixel_shows_only_as_far_as_the_filters_reach() {
+        let reference = noise(1);
+        let mut channels = reference.channels().clone();
+        let (x, y) = (260_usize, 119_usize);
+        channels[1][y * WIDE as usize + x] += 1.0;
+        let test = Planes::new(channels);
+        let map = error_map(
+            WIDE as usize,
+            HIGH as usize,
+            &reference,
+            &test,
+            Exposures::Range { start: -3.0, stop: 1.0, count: 2 },
+            DEFAULT_PPD,
+        );
+        let reach = Filters::new(DEFAULT_PPD).radius;
+        for (i, &error) in map.iter().enumerate() {
+            let (dx, dy) = ((i % WIDE as usize).abs_diff(x), (i / WIDE as usize).abs_diff(y));
+            assert!(error == 0.0 || dx.max(dy) <= reach, "{dx} {dy}: {error}");
+        }
+        assert!(map[y * WIDE as usize + x] > 0.0);
+        let none = error_map(WIDE as usize, HIGH as usize, &test, &test, Exposures::None, DEFAULT_PPD);
+        assert!(none.iter().all(|&error| error == 0.0));
+    }
 }
