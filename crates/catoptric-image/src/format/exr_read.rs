@@ -150,38 +150,37 @@ fn read_pixels(
     let mut chunks = reader.all_chunks(false).map_err(damaged)?;
     let together = BATCH * rayon::current_num_threads();
     loop {
-        // Take a batch of full-resolution chunks.
+        // Take a batch of chunks. Problems keep their place: the first in the file is reported, whatever the batch.
         let mut batch = Vec::with_capacity(together);
         for chunk in chunks.by_ref().take(together) {
-            let chunk = chunk.map_err(damaged)?;
-            if !seen.insert(chunk_key(&chunk)) {
-                return Err(ImageError::damaged("EXR", "the same chunk twice"));
-            }
-            batch.push(chunk);
+            batch.push(chunk.map_err(damaged).and_then(|chunk| {
+                let new = seen.insert(chunk_key(&chunk));
+                if new { Ok(chunk) } else { Err(ImageError::damaged("EXR", "the same chunk twice")) }
+            }));
         }
         if batch.is_empty() {
             return Ok(());
         }
         // Decompress in parallel, copy in order.
-        let blocks: Vec<Option<UncompressedBlock>> = batch
-            .into_par_iter()
-            .map(|chunk| match &chunk.compressed_block {
-                CompressedBlock::Tile(tile)
-                    if tile.coordinates.level_index.0 + tile.coordinates.level_index.1 > 0 =>
-                {
-                    Ok(None)
-                }
-                _ => {
-                    check_dwa(&chunk, meta)?;
-                    UncompressedBlock::decompress_chunk(chunk, meta, false).map(Some)
-                }
-            })
-            .collect::<Result<_, _>>()
-            .map_err(damaged)?;
-        for block in blocks.into_iter().flatten() {
-            place(&block, meta, window, image)?;
+        let blocks: Vec<Result<Option<UncompressedBlock>, ImageError>> =
+            batch.into_par_iter().map(|chunk| decompress(chunk?, meta).map_err(damaged)).collect();
+        for block in blocks {
+            if let Some(block) = block? {
+                place(&block, meta, window, image)?;
+            }
         }
     }
+}
+
+/// The pixels of a chunk; `None` for one of lower resolution.
+fn decompress(chunk: Chunk, meta: &MetaData) -> Result<Option<UncompressedBlock>, exr::error::Error> {
+    if let CompressedBlock::Tile(tile) = &chunk.compressed_block
+        && tile.coordinates.level_index.0 + tile.coordinates.level_index.1 > 0
+    {
+        return Ok(None);
+    }
+    check_dwa(&chunk, meta)?;
+    UncompressedBlock::decompress_chunk(chunk, meta, false).map(Some)
 }
 
 /// DWA chunks begin with eleven 64-bit sizes that the decompressor allocates unseen: none may exceed what a block of this
