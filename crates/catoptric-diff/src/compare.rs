@@ -5,7 +5,8 @@ use serde::Serialize;
 
 use crate::DiffError;
 use crate::metric::{Metric, NoiseVerdict, Reading, Settings, noise_verdict};
-use crate::pair::{Pair, Rgb, Space};
+use crate::pair::{Pair, Space, StandardError};
+use crate::planes::Planes;
 
 /// The layer that holds the standard error of the beauty.
 const NOISE_LAYER: &str = "SE";
@@ -65,32 +66,41 @@ impl LayerComparison {
     }
 }
 
-/// Compares `test` with `reference`.
-pub fn compare(test: &Image, reference: &Image, params: &Params) -> Result<Comparison, DiffError> {
-    let [test_size, reference_size] = [test, reference].map(|image| [image.width, image.height]);
+/// Compares `test` with `reference`, whose planes it takes over.
+pub fn compare(test: Image, reference: Image, params: &Params) -> Result<Comparison, DiffError> {
+    let [test_size, reference_size] = [&test, &reference].map(|image| [image.width, image.height]);
     if test_size != reference_size {
         return Err(DiffError::Size { test: test_size, reference: reference_size });
     }
-    let region = Region::new(test, params)?;
+    let region = Region::new(&test, params)?;
     let colour = |image: &Image| image.layers().into_iter().filter(|l| l != NOISE_LAYER).collect::<Vec<_>>();
-    let (ours, theirs) = (colour(test), colour(reference));
+    let (ours, theirs) = (colour(&test), colour(&reference));
     let names = match &params.layers {
         Some(names) => names.clone(),
-        None => common_layers(&ours, &theirs, test, reference)?,
+        None => common_layers(&ours, &theirs, &test, &reference)?,
     };
+    // Each plane is taken over by the last layer that wants it.
+    let encodings = [test.encoding, reference.encoding];
+    let mut test = Stock::new(test, names.clone());
+    let noisy = names.iter().flat_map(|layer| [layer.clone(), noise_layer(layer)]).collect();
+    let mut reference = Stock::new(reference, noisy);
     let mut layers = Vec::new();
     for layer in names {
-        let pixels = |image: &Image, which, present: &[String]| {
-            let missing = || DiffError::Layer { which, layer: layer.clone(), present: listed(present) };
-            image.rgb(&layer).ok_or_else(missing)
+        let missing = |which, present: &[String]| DiffError::Layer {
+            which,
+            layer: layer.clone(),
+            present: listed(present),
         };
-        let (t, r) = (pixels(test, "test image", &ours)?, pixels(reference, "reference", &theirs)?);
-        let (t, r) = (region.cut(&t, test.width), region.cut(&r, test.width));
-        let noise = standard_error(&layer, &r, reference, &region, params);
-        let mut pair =
-            Pair::new(region.width, region.height, t, r, [test.encoding, reference.encoding], params.space);
+        let t = test.take(&layer, &region).ok_or_else(|| missing("test image", &ours))?;
+        let r = reference.take(&layer, &region).ok_or_else(|| missing("reference", &theirs))?;
+        let noise = reference.take(&noise_layer(&layer), &region);
+        let mut pair = Pair::new(region.width, region.height, t, r, encodings, params.space);
         pair.selected = region.selected.clone();
-        pair.noise = noise;
+        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        pair.noise = match (noise, params.relative_standard_error) {
+            (Some(planes), _) => Some(StandardError::Planes(planes.map(finite))),
+            (None, relative) => relative.map(|relative| StandardError::Relative(relative as f32)),
+        };
         let metrics = params.metrics.as_deref().unwrap_or(&Metric::ALL);
         let readings = metrics.iter().flat_map(|m| m.measure(&pair, &params.settings)).collect();
         layers.push(LayerComparison { layer, readings, noise: noise_verdict(&pair), pair });
@@ -131,23 +141,49 @@ fn listed(names: &[String]) -> String {
     if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
-/// The standard error of a layer of the reference: its own layer, or relative to its value.
-fn standard_error(
-    layer: &str,
-    pixels: &[Rgb],
-    reference: &Image,
-    region: &Region,
-    params: &Params,
-) -> Option<Vec<Rgb>> {
-    let name = if layer.is_empty() { NOISE_LAYER.to_owned() } else { format!("{NOISE_LAYER}.{layer}") };
-    if reference.channel(&format!("{name}.R")).is_some() {
-        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
-        return reference
-            .rgb(&name)
-            .map(|se| region.cut(&se, reference.width).into_iter().map(|p| p.map(finite)).collect());
+/// The layer of the standard error of a layer.
+fn noise_layer(layer: &str) -> String {
+    if layer.is_empty() { NOISE_LAYER.to_owned() } else { format!("{NOISE_LAYER}.{layer}") }
+}
+
+/// The planes of an image and how often each is still wanted.
+struct Stock {
+    image: Image,
+    wanted: Vec<usize>,
+}
+
+impl Stock {
+    fn new(mut image: Image, layers: Vec<String>) -> Stock {
+        let mut wanted = vec![0; image.channels.len()];
+        for layer in layers {
+            for channel in image.layer_channels(&layer).into_iter().flatten().flatten() {
+                wanted[channel] += 1;
+            }
+        }
+        for (channel, &wanted) in image.channels.iter_mut().zip(&wanted) {
+            if wanted == 0 {
+                channel.samples = Vec::new();
+            }
+        }
+        Stock { image, wanted }
     }
-    let relative = params.relative_standard_error? as f32;
-    Some(pixels.iter().map(|p| p.map(|v| if v.is_finite() { v.abs() * relative } else { 0.0 })).collect())
+
+    /// The region of a layer; `None` if the image has no such layer.
+    fn take(&mut self, layer: &str, region: &Region) -> Option<Planes> {
+        let channels = self.image.layer_channels(layer)?;
+        let (width, size) = (self.image.width, self.image.width * self.image.height);
+        let whole = region.width * region.height == size;
+        Some(Planes::new(channels.map(|channel| {
+            let Some(channel) = channel else { return vec![0.0; region.width * region.height] };
+            self.wanted[channel] -= 1;
+            let samples = &mut self.image.channels[channel].samples;
+            match (whole, self.wanted[channel]) {
+                (true, 0) => std::mem::take(samples),
+                (true, _) => samples.clone(),
+                (false, _) => region.cut(samples, width),
+            }
+        })))
+    }
 }
 
 /// The part of the image that is compared.
@@ -192,7 +228,7 @@ impl Region {
         Ok(region)
     }
 
-    fn cut(&self, pixels: &[Rgb], width: usize) -> Vec<Rgb> {
+    fn cut<T: Copy>(&self, pixels: &[T], width: usize) -> Vec<T> {
         let rows = pixels.chunks_exact(width.max(1)).skip(self.top).take(self.height);
         rows.flat_map(|row| &row[self.left..self.left + self.width]).copied().collect()
     }

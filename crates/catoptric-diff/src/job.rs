@@ -91,7 +91,7 @@ pub fn run(job: &Job, test: &Path, reference: &Path) -> Result<Outcome, DiffErro
             params.settings.percentiles.push(q);
         }
     }
-    let comparison = compare(&test_image, &reference_image, &params)?;
+    let comparison = compare(test_image, reference_image, &params)?;
     let checks = limits.check(&comparison)?;
     let notes = notes(&comparison, &params, &limits);
     let outcome = Outcome { comparison, checks, notes };

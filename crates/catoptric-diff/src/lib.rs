@@ -13,6 +13,7 @@ mod limits;
 pub mod metric;
 mod pair;
 pub mod pictures;
+mod planes;
 pub mod report;
 mod sums;
 
@@ -23,4 +24,5 @@ pub use error::DiffError;
 pub use job::{Job, Outcome, run};
 pub use limits::{Check, Limits, parse_limit};
 pub use metric::{Metric, Reading, Sense};
-pub use pair::{NonFinite, Pair, Rgb, Space, Values};
+pub use pair::{NonFinite, Pair, Rgb, Space, StandardError, Values};
+pub use planes::Planes;

@@ -109,7 +109,7 @@ impl Limits {
                 holds: value <= allowed,
             };
             if self.is_empty() {
-                let (largest, _) = layer.pair.largest(layer.pair.absolute_map());
+                let (largest, _) = layer.pair.largest(|i| layer.pair.absolute_error(i));
                 checks.push(own("max_abs", largest, 0.0));
             }
             if !self.max.contains_key(&qualified(&layer.layer, "nonfinite")) {

@@ -2,10 +2,11 @@
 
 use std::sync::OnceLock;
 
-use catoptric_image::{Encoding, tone};
+use catoptric_image::{Encoding, srgb, tone};
 use rayon::prelude::*;
 
 use crate::metric::flip::{self, Exposures};
+use crate::planes::Planes;
 use crate::sums::sum;
 
 /// A pixel.
@@ -36,6 +37,15 @@ pub struct NonFinite {
     pub new: usize,
 }
 
+/// Standard error of a reference, linear.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StandardError {
+    /// Of every sample.
+    Planes(Planes),
+    /// Relative to the sample's value.
+    Relative(f32),
+}
+
 /// A test layer against a reference layer.
 pub struct Pair {
     /// Pixels per row.
@@ -43,11 +53,11 @@ pub struct Pair {
     /// Rows.
     pub height: usize,
     /// Linear light under test; pixels that are not finite in either image are black in it.
-    pub test: Vec<Rgb>,
+    pub test: Planes,
     /// Linear light of the reference; pixels where it is not finite are black.
-    pub reference: Vec<Rgb>,
-    /// Standard error of the reference, per channel, linear.
-    pub noise: Option<Vec<Rgb>>,
+    pub reference: Planes,
+    /// Standard error of the reference, if it is known.
+    pub noise: Option<StandardError>,
     /// Pixels that count; all if `None`.
     pub selected: Option<Vec<bool>>,
     /// Pixels that are not numbers.
@@ -55,26 +65,25 @@ pub struct Pair {
     /// Whether both images hold display-referred values.
     pub coded: bool,
     /// Code values times 65535 where the compared values are not the linear ones.
-    codes: Option<[Vec<Rgb>; 2]>,
+    codes: Option<[Planes; 2]>,
     maps: Maps,
 }
 
-/// Error maps, made when first asked for.
+/// What several readers want, made when first asked for.
 #[derive(Default)]
 struct Maps {
     flip: OnceLock<Vec<f32>>,
     exposures: OnceLock<Exposures>,
-    relative: OnceLock<Vec<f32>>,
-    absolute: OnceLock<Vec<f32>>,
+    gain: OnceLock<f32>,
 }
 
 /// The numbers that differences are taken of: sample × unit.
 #[derive(Clone, Copy)]
 pub struct Values<'a> {
     /// The test image.
-    pub test: &'a [Rgb],
+    pub test: &'a Planes,
     /// The reference.
-    pub reference: &'a [Rgb],
+    pub reference: &'a Planes,
     /// 1, or 1/65535 for code values, which are then exact integers.
     pub unit: f64,
 }
@@ -87,27 +96,14 @@ impl Pair {
     pub fn new(
         width: usize,
         height: usize,
-        mut test: Vec<Rgb>,
-        mut reference: Vec<Rgb>,
+        test: impl Into<Planes>,
+        reference: impl Into<Planes>,
         encodings: [Encoding; 2],
         space: Space,
     ) -> Pair {
+        let (mut test, mut reference) = (test.into(), reference.into());
         assert!(test.len() == width * height && reference.len() == width * height, "planes do not fit");
-        // Count what is not finite, and make it black.
-        let mut non_finite = NonFinite::default();
-        for (t, r) in test.iter_mut().zip(&mut reference) {
-            let (t_bad, r_bad) = (t.iter().any(|v| !v.is_finite()), r.iter().any(|v| !v.is_finite()));
-            if t_bad || r_bad {
-                non_finite.nan += usize::from(t.iter().any(|v| v.is_nan()));
-                non_finite.inf += usize::from(t.iter().any(|v| v.is_infinite()));
-                non_finite.reference += usize::from(r_bad);
-                non_finite.new += usize::from(t_bad && !r_bad);
-                *t = [0.0; 3];
-            }
-            if r_bad {
-                *r = [0.0; 3];
-            }
-        }
+        let non_finite = blacken_non_finite(&mut test, &mut reference);
         // Code values are kept as integers of 16 bits: exact for files of 8 and of 16 bits.
         let files_are_coded = encodings == [Encoding::Srgb; 2];
         let coded = space == Space::Coded || (space == Space::Auto && files_are_coded);
@@ -115,10 +111,10 @@ impl Pair {
         if coded {
             let planes = [(&mut test, encodings[0]), (&mut reference, encodings[1])];
             codes = Some(planes.map(|(plane, encoding)| match encoding {
-                Encoding::Srgb => map(plane, |v| (catoptric_image::srgb::encode(v) * 65535.0).round()),
+                Encoding::Srgb => plane.map(|v| (srgb::encode(v) * 65535.0).round()),
                 Encoding::Linear => {
-                    let codes = map(plane, |v| v * 65535.0);
-                    *plane = map(plane, catoptric_image::srgb::decode);
+                    let codes = plane.map(|v| v * 65535.0);
+                    *plane = plane.map(srgb::decode);
                     codes
                 }
             }));
@@ -162,27 +158,32 @@ impl Pair {
     }
 
     /// The values of a map at the pixels that count.
-    pub(crate) fn pool(&self, map: &[f32]) -> Vec<f32> {
-        match &self.selected {
-            None => map.to_vec(),
-            Some(selected) => map.iter().zip(selected).filter(|(_, s)| **s).map(|(v, _)| *v).collect(),
+    pub(crate) fn pool(&self, mut map: Vec<f32>) -> Vec<f32> {
+        let mut i = 0;
+        if self.selected.is_some() {
+            map.retain(|_| {
+                i += 1;
+                self.counts(i - 1)
+            });
         }
+        map
     }
 
     /// The largest value of a map and its pixel; the first one of equals.
-    pub(crate) fn largest(&self, map: &[f32]) -> (f64, [usize; 2]) {
-        let mut best = (f32::NEG_INFINITY, 0);
-        for (i, &v) in map.iter().enumerate() {
-            if v > best.0 && self.counts(i) {
-                best = (v, i);
-            }
-        }
-        (f64::from(best.0), [best.1 % self.width, best.1 / self.width])
+    pub(crate) fn largest(&self, value: impl Fn(usize) -> f32 + Sync) -> (f64, [usize; 2]) {
+        let better = |a: (f32, usize), b: (f32, usize)| {
+            if b.0 > a.0 || (b.0 == a.0 && b.1 < a.1) { b } else { a }
+        };
+        let none = (f32::NEG_INFINITY, usize::MAX);
+        let of = |i: usize| if self.counts(i) { (value(i), i) } else { none };
+        let best = (0..self.test.len()).into_par_iter().map(of).reduce(|| none, better);
+        let pixel = if best.1 == usize::MAX { 0 } else { best.1 };
+        (f64::from(best.0), [pixel % self.width, pixel / self.width])
     }
 
     /// Mean luminance of the reference, linear.
     pub(crate) fn mean_luminance(&self) -> f64 {
-        self.mean(|i| [luminance(self.reference[i])])[0]
+        self.mean(|i| [luminance(self.reference.at(i))])[0]
     }
 
     /// The exposures HDR-FLIP uses for this reference.
@@ -206,34 +207,40 @@ impl Pair {
         })
     }
 
+    /// LDR-FLIP of every pixel as [`Pair::display`] shows the images.
+    pub(crate) fn displayed_flip_map(&self) -> Vec<f32> {
+        let exposures = Exposures::Bytes { gain: self.display_gain() };
+        flip::error_map(self.width, self.height, &self.reference, &self.test, exposures, flip::DEFAULT_PPD)
+    }
+
     /// |lum(test) − lum(reference)| / (lum(reference) + 1 % of the mean luminance) of every pixel.
-    pub fn relative_map(&self) -> &[f32] {
-        self.maps.relative.get_or_init(|| {
-            let floor = 0.01 * self.mean_luminance();
-            self.per_pixel(|i| {
-                let (t, r) = (luminance(self.test[i]), luminance(self.reference[i]));
-                let difference = (t - r).abs();
-                if difference == 0.0 { 0.0 } else { difference / (r + floor).max(f64::MIN_POSITIVE) }
-            })
+    pub fn relative_map(&self) -> Vec<f32> {
+        let floor = 0.01 * self.mean_luminance();
+        self.per_pixel(|i| {
+            let (t, r) = (luminance(self.test.at(i)), luminance(self.reference.at(i)));
+            let difference = (t - r).abs();
+            if difference == 0.0 { 0.0 } else { difference / (r + floor).max(f64::MIN_POSITIVE) }
         })
     }
 
-    /// Largest absolute difference of the compared values over the channels of every pixel.
-    pub fn absolute_map(&self) -> &[f32] {
-        self.maps.absolute.get_or_init(|| {
-            let values = self.values();
-            self.per_pixel(|i| {
-                let d = |k: usize| (f64::from(values.test[i][k]) - f64::from(values.reference[i][k])).abs();
-                d(0).max(d(1)).max(d(2)) * values.unit
-            })
-        })
+    /// Largest absolute difference of the compared values over the channels of a pixel.
+    pub(crate) fn absolute_error(&self, pixel: usize) -> f32 {
+        let values = self.values();
+        let (t, r) = (values.test.at(pixel), values.reference.at(pixel));
+        let d = |k: usize| (f64::from(t[k]) - f64::from(r[k])).abs();
+        (d(0).max(d(1)).max(d(2)) * values.unit) as f32
+    }
+
+    /// [`Pair::absolute_error`] of every pixel.
+    pub(crate) fn absolute_map(&self) -> Vec<f32> {
+        (0..self.test.len()).into_par_iter().map(|i| self.absolute_error(i)).collect()
     }
 
     /// Signed relative difference of luminance: positive where the test image is brighter; in [−1, 1].
     pub fn signed_map(&self) -> Vec<f32> {
         let floor = 0.01 * self.mean_luminance();
         self.per_pixel(|i| {
-            let (t, r) = (luminance(self.test[i]), luminance(self.reference[i]));
+            let (t, r) = (luminance(self.test.at(i)), luminance(self.reference.at(i)));
             let scale = t.abs() + r.abs() + floor;
             if scale > 0.0 { 2.0 * (t - r) / scale } else { 0.0 }.clamp(-1.0, 1.0)
         })
@@ -243,16 +250,60 @@ impl Pair {
         (0..self.test.len()).into_par_iter().map(|i| value(i) as f32).collect()
     }
 
+    /// Stops that suit the reference on a display; none for display-referred images.
+    pub(crate) fn display_exposure(&self) -> f32 {
+        if self.coded { 0.0 } else { tone::auto_exposure(self.reference.pixels()) }
+    }
+
+    /// The same as a factor of light.
+    pub(crate) fn display_gain(&self) -> f32 {
+        *self.maps.gain.get_or_init(|| libm::exp2f(self.display_exposure()))
+    }
+
     /// Both images as sRGB bytes at the exposure that suits the reference; display-referred images as they are.
     pub fn display(&self) -> [Vec<[u8; 3]>; 2] {
-        let exposure_ev = if self.coded { 0.0 } else { tone::auto_exposure(&self.reference) };
-        let tone = tone::ToneMap { exposure_ev, curve: tone::Curve::Clip };
-        [tone::to_srgb8(&self.test, &tone), tone::to_srgb8(&self.reference, &tone)]
+        let gain = self.display_gain();
+        [&self.test, &self.reference].map(|planes| {
+            let pixels = (0..planes.len()).into_par_iter();
+            pixels.map(|i| planes.at(i).map(|v| srgb::byte(v * gain))).collect()
+        })
     }
 }
 
-fn map(plane: &[Rgb], f: impl Fn(f32) -> f32 + Sync) -> Vec<Rgb> {
-    plane.par_iter().map(|p| p.map(&f)).collect()
+/// Counts the pixels that are not numbers, and makes them black.
+fn blacken_non_finite(test: &mut Planes, reference: &mut Planes) -> NonFinite {
+    let mut found = NonFinite::default();
+    // Most stretches are finite and pass as a whole: no exponent of all ones.
+    const STRETCH: usize = 1 << 14;
+    let finite = |samples: &[f32]| {
+        samples.iter().fold(0, |m, v| m.max(v.to_bits() << 1)) < f32::INFINITY.to_bits() << 1
+    };
+    let stretches: Vec<_> =
+        (0..test.len()).step_by(STRETCH).map(|start| start..(start + STRETCH).min(test.len())).collect();
+    let suspects: Vec<_> = stretches
+        .into_par_iter()
+        .filter(|range| {
+            let mut channels = test.channels().iter().chain(reference.channels());
+            !channels.all(|channel| finite(&channel[range.clone()]))
+        })
+        .collect();
+    for range in suspects {
+        for i in range {
+            let (t, r) = (test.at(i), reference.at(i));
+            let (t_bad, r_bad) = (t.iter().any(|v| !v.is_finite()), r.iter().any(|v| !v.is_finite()));
+            if t_bad || r_bad {
+                found.nan += usize::from(t.iter().any(|v| v.is_nan()));
+                found.inf += usize::from(t.iter().any(|v| v.is_infinite()));
+                found.reference += usize::from(r_bad);
+                found.new += usize::from(t_bad && !r_bad);
+                test.blacken(i);
+            }
+            if r_bad {
+                reference.blacken(i);
+            }
+        }
+    }
+    found
 }
 
 /// Rec. 709 luminance in double precision.

@@ -70,7 +70,7 @@ pub fn write(pair: &Pair, folder: &Path, prefix: &str) -> Result<Vec<PathBuf>, D
         Ok(())
     };
     let heat: Vec<[u8; 3]> = pair.flip_map().iter().map(|&v| magma(v)).collect();
-    let relative: Vec<[u8; 3]> = pair.relative_map().iter().map(|&v| magma(2.0 * v)).collect();
+    let relative: Vec<[u8; 3]> = pair.relative_map().into_iter().map(|v| magma(2.0 * v)).collect();
     let signed: Vec<[u8; 3]> = pair.signed_map().into_iter().map(red_blue).collect();
     let [test, reference] = pair.display();
     write("flip", w, h, &heat)?;

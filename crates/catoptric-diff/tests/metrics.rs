@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use catoptric_diff::metric::Settings;
-use catoptric_diff::{Metric, Pair, Params, Rgb, Sense, Space, compare};
+use catoptric_diff::{Metric, Pair, Params, Rgb, Sense, Space, StandardError, compare};
 use catoptric_image::{Encoding, Image, ReadLimits};
 use serde_json::Value;
 
@@ -75,7 +75,7 @@ fn an_independent_implementation_agrees() {
             Image::read(&folder.join(format!("{pair}_{which}.exr")), &ReadLimits::default())
                 .unwrap_or_else(|e| panic!("{e}"))
         };
-        let comparison = compare(&read("test"), &read("ref"), &Params::default()).expect("comparable");
+        let comparison = compare(read("test"), read("ref"), &Params::default()).expect("comparable");
         let beauty = &comparison.layers[0];
         assert_eq!(comparison.layers.len(), 1, "the standard error is not a layer to compare");
         for (name, value) in values.as_object().expect("values") {
@@ -105,7 +105,7 @@ fn textured(seed: u32) -> Vec<Rgb> {
 
 fn pair_of(test: Vec<Rgb>, reference: Vec<Rgb>) -> Pair {
     let mut pair = Pair::new(48, 40, test, reference, [Encoding::Linear; 2], Space::Auto);
-    pair.noise = Some(vec![[0.01; 3]; 48 * 40]);
+    pair.noise = Some(StandardError::Planes(vec![[0.01; 3]; 48 * 40].into()));
     pair
 }
 
@@ -208,10 +208,14 @@ fn crop_and_mask_select_the_same_numbers() {
     let (test, reference) = (Image::from_rgb(48, 40, &textured(1)), Image::from_rgb(48, 40, &textured(5)));
     let inside = |x: usize, y: usize| (8..24).contains(&x) && (16..32).contains(&y);
     let mask: Vec<Rgb> = (0..48 * 40).map(|i| [f32::from(u8::from(inside(i % 48, i / 48))); 3]).collect();
-    let cropped = compare(&test, &reference, &Params { crop: Some([8, 16, 16, 16]), ..Params::default() })
-        .expect("inside");
+    let cropped = compare(
+        test.clone(),
+        reference.clone(),
+        &Params { crop: Some([8, 16, 16, 16]), ..Params::default() },
+    )
+    .expect("inside");
     let masked = Params { mask: Some(Image::from_rgb(48, 40, &mask)), ..Params::default() };
-    let masked = compare(&test, &reference, &masked).expect("some pixels");
+    let masked = compare(test, reference, &masked).expect("some pixels");
     for name in ["MSE", "relMSE", "MRSE", "energy_R", "lum_ratio", "p95_abs", "max_abs"] {
         let value = |c: &catoptric_diff::Comparison| c.layers[0].reading(name).expect(name).value;
         let (a, b) = (value(&cropped), value(&masked));

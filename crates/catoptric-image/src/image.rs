@@ -95,27 +95,32 @@ impl Image {
         names
     }
 
-    /// The pixels of a layer.
+    /// The channels that are red, green and blue of a layer, by index; `None` for black.
     ///
     /// A layer with a luminance `Y` or with one colour channel only is replicated; of two colour channels the third is
     /// black; the full name of any channel (`depth.Z`) gives that channel three times. `None` if nothing has this name.
-    pub fn rgb(&self, layer: &str) -> Option<Vec<[f32; 3]>> {
-        let [r, g, b, y] = ["R", "G", "B", "Y"].map(|s| self.channel(&channel_name(layer, s)));
-        let present: Vec<&[f32]> = [r, g, b].into_iter().flatten().collect();
+    pub fn layer_channels(&self, layer: &str) -> Option<[Option<usize>; 3]> {
+        let find = |name: &str| self.channels.iter().position(|c| c.name == name);
+        let [r, g, b, y] = ["R", "G", "B", "Y"].map(|s| find(&channel_name(layer, s)));
+        let present: Vec<usize> = [r, g, b].into_iter().flatten().collect();
         match (present.as_slice(), y) {
-            ([], y) => y.or_else(|| self.channel(layer)).map(|only| only.iter().map(|&v| [v; 3]).collect()),
-            ([only], _) => Some(only.iter().map(|&v| [v; 3]).collect()),
-            _ => {
-                let at = |plane: Option<&[f32]>, i: usize| plane.map_or(0.0, |p| p[i]);
-                Some((0..self.width * self.height).map(|i| [at(r, i), at(g, i), at(b, i)]).collect())
-            }
+            ([], y) => y.or_else(|| find(layer)).map(|only| [Some(only); 3]),
+            ([only], _) => Some([Some(*only); 3]),
+            _ => Some([r, g, b]),
         }
+    }
+
+    /// The pixels of a layer, from its [`Image::layer_channels`].
+    pub fn rgb(&self, layer: &str) -> Option<Vec<[f32; 3]>> {
+        let planes =
+            self.layer_channels(layer)?.map(|channel| channel.map(|c| self.channels[c].samples.as_slice()));
+        let pixel = |i: usize| planes.map(|plane| plane.map_or(0.0, |p| p[i]));
+        Some((0..self.width * self.height).map(pixel).collect())
     }
 
     /// Reads a file. Its content decides the format, not its name.
     pub fn read(path: &Path, limits: &ReadLimits) -> Result<Image, ImageError> {
-        let bytes = format::read_bytes(path, limits)?;
-        Image::decode(&bytes, limits).map_err(|error| error.in_file(path))
+        format::read(path, limits)
     }
 
     /// Decodes the bytes of a file.

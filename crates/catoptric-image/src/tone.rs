@@ -27,9 +27,9 @@ pub struct ToneMap {
 }
 
 /// Exposure in stops that brings the 95th percentile of the lit pixels' luminance to 0.9; 0 for a black image.
-pub fn auto_exposure(pixels: &[[f32; 3]]) -> f32 {
+pub fn auto_exposure(pixels: impl IntoIterator<Item = [f32; 3]>) -> f32 {
     let mut lit: Vec<f32> =
-        pixels.iter().map(|p| luminance(*p)).filter(|&y| y > 1e-6 && y.is_finite()).collect();
+        pixels.into_iter().map(luminance).filter(|&y| y > 1e-6 && y.is_finite()).collect();
     if lit.is_empty() {
         return 0.0;
     }

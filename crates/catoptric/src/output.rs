@@ -89,7 +89,7 @@ impl Outputs {
 
     fn write_display(&mut self, image: &Image, path: &Path) -> Result<(), Failure> {
         let pixels = image.rgb("").unwrap_or_default();
-        let exposure_ev = *self.exposure.get_or_insert_with(|| auto_exposure(&pixels));
+        let exposure_ev = *self.exposure.get_or_insert_with(|| auto_exposure(pixels.iter().copied()));
         let bytes = to_srgb8(&pixels, &ToneMap { exposure_ev, curve: Curve::Clip });
         Ok(write_png8(path, image.width, image.height, &bytes)?)
     }

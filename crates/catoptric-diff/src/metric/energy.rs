@@ -11,15 +11,15 @@ pub(super) struct Energy;
 impl Measure for Energy {
     fn measure(&self, pair: &Pair, _: &Settings) -> Vec<Reading> {
         let means = pair.mean(|i| {
-            let (t, r) = (pair.test[i].map(f64::from), pair.reference[i].map(f64::from));
-            [t[0], t[1], t[2], r[0], r[1], r[2], luminance(pair.test[i]), luminance(pair.reference[i])]
+            let (t, r) = (pair.test.at(i).map(f64::from), pair.reference.at(i).map(f64::from));
+            [t[0], t[1], t[2], r[0], r[1], r[2], luminance(pair.test.at(i)), luminance(pair.reference.at(i))]
         });
-        let plane: Vec<f32> = pair.reference.iter().map(|&p| luminance(p) as f32).collect();
-        let bright = percentile(&mut pair.pool(&plane), 99.0);
+        let plane: Vec<f32> = pair.reference.pixels().map(|p| luminance(p) as f32).collect();
+        let bright = percentile(&mut pair.pool(plane), 99.0);
         let trimmed = sum(pair.test.len(), |i| {
-            let r = luminance(pair.reference[i]);
-            if pair.counts(i) && f64::from(plane[i]) < bright {
-                [luminance(pair.test[i]), r]
+            let r = luminance(pair.reference.at(i));
+            if pair.counts(i) && f64::from(r as f32) < bright {
+                [luminance(pair.test.at(i)), r]
             } else {
                 [0.0; 2]
             }

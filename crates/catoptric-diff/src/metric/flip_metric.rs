@@ -1,6 +1,5 @@
 //! Mean FLIP: of the kind that fits the pair, and LDR-FLIP of the displayed images.
 
-use super::flip::{DEFAULT_PPD, Exposures, error_map};
 use super::{Measure, Reading, Sense, Settings};
 use crate::pair::Pair;
 
@@ -10,15 +9,7 @@ impl Measure for Flip {
     fn measure(&self, pair: &Pair, _: &Settings) -> Vec<Reading> {
         let mean = |map: &[f32]| pair.mean(|i| [f64::from(map[i])])[0];
         let flip = mean(pair.flip_map());
-        let displayed = if pair.coded {
-            flip
-        } else {
-            let table = &*catoptric_image::srgb::LINEAR_OF_BYTE;
-            let [test, reference] = pair
-                .display()
-                .map(|p| p.into_iter().map(|p| p.map(|b| table[usize::from(b)])).collect::<Vec<_>>());
-            mean(&error_map(pair.width, pair.height, &reference, &test, Exposures::None, DEFAULT_PPD))
-        };
+        let displayed = if pair.coded { flip } else { mean(&pair.displayed_flip_map()) };
         vec![
             Reading::new("FLIP", flip, Sense::LowerIsBetter),
             Reading::new("FLIP_LDR", displayed, Sense::LowerIsBetter),

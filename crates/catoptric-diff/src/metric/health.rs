@@ -6,7 +6,8 @@
 use rayon::prelude::*;
 
 use super::{Measure, Reading, Sense, Settings};
-use crate::pair::{Pair, Rgb, luminance};
+use crate::pair::{Pair, luminance};
+use crate::planes::Planes;
 
 pub(super) struct Health;
 
@@ -32,23 +33,21 @@ impl Measure for Health {
     }
 }
 
-fn sticks_out(pair: &Pair, plane: &[Rgb], i: usize, floor: f64) -> bool {
-    let own = luminance(plane[i]);
+fn sticks_out(pair: &Pair, planes: &Planes, i: usize, floor: f64) -> bool {
+    let own = luminance(planes.at(i));
     if own <= floor {
         return false;
     }
     let (x, y) = (i % pair.width, i / pair.width);
-    let mut neighbours = [0.0; 8];
-    let mut n = 0;
+    // It exceeds the median (of an even number the upper one) if it exceeds more than half of them.
+    let (mut exceeded, mut n) = (0, 0);
     for ny in y.saturating_sub(1)..(y + 2).min(pair.height) {
         for nx in x.saturating_sub(1)..(x + 2).min(pair.width) {
             if (nx, ny) != (x, y) {
-                neighbours[n] = luminance(plane[ny * pair.width + nx]);
                 n += 1;
+                exceeded += usize::from(own > 10.0 * luminance(planes.at(ny * pair.width + nx)) + floor);
             }
         }
     }
-    let neighbours = &mut neighbours[..n];
-    neighbours.sort_by(f64::total_cmp);
-    neighbours.get(n / 2).is_some_and(|median| own > 10.0 * median + floor)
+    n > 0 && exceeded > n / 2
 }

@@ -2,7 +2,6 @@
 //! battery of `tests/metrics.rs`, the command line, the JSON and the report find it there.
 
 mod energy;
-mod fast_math;
 pub mod flip;
 mod flip_metric;
 mod health;

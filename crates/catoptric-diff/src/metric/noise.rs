@@ -12,7 +12,8 @@ use serde::Serialize;
 
 use super::relative::EPSILON;
 use super::{Measure, Reading, Sense, Settings};
-use crate::pair::{Pair, Rgb};
+use crate::pair::{Pair, Rgb, StandardError};
+use crate::planes::Planes;
 use crate::sums::sum;
 
 const BLOCK: usize = 8;
@@ -26,6 +27,7 @@ impl Measure for Noise {
         let Some(noise) = &pair.noise else {
             return Vec::new();
         };
+        let noise = |i: usize| standard_error(pair, noise, i);
         let mut readings = per_pixel(pair, noise);
         readings.extend(per_block(pair, noise));
         if let Some(verdict) = verdict(pair) {
@@ -37,12 +39,20 @@ impl Measure for Noise {
     }
 }
 
-fn per_pixel(pair: &Pair, noise: &[Rgb]) -> Vec<Reading> {
+/// The standard error of one pixel of the reference.
+fn standard_error(pair: &Pair, noise: &StandardError, i: usize) -> Rgb {
+    match noise {
+        StandardError::Planes(planes) => planes.at(i),
+        StandardError::Relative(relative) => pair.reference.at(i).map(|v| v.abs() * relative),
+    }
+}
+
+fn per_pixel(pair: &Pair, noise: impl Fn(usize) -> Rgb + Sync) -> Vec<Reading> {
     let [relative, floor] = pair.mean(|i| {
         let mut sums = [0.0; 2];
+        let (x, r, se) = (pair.test.at(i), pair.reference.at(i), noise(i));
         for k in 0..3 {
-            let (x, r, se) =
-                (f64::from(pair.test[i][k]), f64::from(pair.reference[i][k]), f64::from(noise[i][k]));
+            let (x, r, se) = (f64::from(x[k]), f64::from(r[k]), f64::from(se[k]));
             let scale = 3.0 * (r * r + EPSILON);
             sums[0] += (x - r) * (x - r) / scale;
             sums[1] += se * se / scale;
@@ -56,7 +66,7 @@ fn per_pixel(pair: &Pair, noise: &[Rgb]) -> Vec<Reading> {
 }
 
 /// Sums over the complete 8×8 blocks whose pixels all count.
-fn per_block(pair: &Pair, noise: &[Rgb]) -> Vec<Reading> {
+fn per_block(pair: &Pair, noise: impl Fn(usize) -> Rgb + Sync) -> Vec<Reading> {
     let mean = mean_of_reference(pair);
     let (columns, rows) = (pair.width / BLOCK, pair.height / BLOCK);
     // Per block: count, error and noise of relMSE_b8, then Σ z², their number and the largest |z|.
@@ -70,11 +80,10 @@ fn per_block(pair: &Pair, noise: &[Rgb]) -> Vec<Reading> {
         out[0] = 1.0;
         let n = (BLOCK * BLOCK) as f64;
         for k in 0..3 {
-            let average = |plane: &[Rgb]| pixels.clone().map(|i| f64::from(plane[i][k])).sum::<f64>() / n;
+            let average =
+                |planes: &Planes| pixels.clone().map(|i| f64::from(planes.channels()[k][i])).sum::<f64>() / n;
             let (x, r) = (average(&pair.test), average(&pair.reference));
-            let variance =
-                pixels.clone().map(|i| f64::from(noise[i][k]) * f64::from(noise[i][k])).sum::<f64>()
-                    / (n * n);
+            let variance = pixels.clone().map(|i| f64::from(noise(i)[k]).powi(2)).sum::<f64>() / (n * n);
             let scale = 3.0 * (r * r + EPSILON * mean * mean);
             if scale > 0.0 {
                 out[1] += ((x - r) * (x - r) - variance) / scale;
@@ -129,8 +138,8 @@ pub(super) fn verdict(pair: &Pair) -> Option<NoiseVerdict> {
     let noise = pair.noise.as_ref()?;
     let least = 1e-4 * mean_of_reference(pair);
     let z = |i: usize, k: usize| {
-        let se = f64::from(noise[i][k]).max(least).max(f64::MIN_POSITIVE);
-        (f64::from(pair.test[i][k]) - f64::from(pair.reference[i][k])) / se
+        let se = f64::from(standard_error(pair, noise, i)[k]).max(least).max(f64::MIN_POSITIVE);
+        (f64::from(pair.test.at(i)[k]) - f64::from(pair.reference.at(i)[k])) / se
     };
     let n = pair.count();
     if n == 0 {
@@ -139,11 +148,11 @@ pub(super) fn verdict(pair: &Pair) -> Option<NoiseVerdict> {
     // Largest |z|: Šidák's bound over 3n samples at half the level.
     let single = -libm::expm1(libm::log1p(-LEVEL / 2.0) / (3 * n) as f64);
     let bound = two_sided_bound(single);
-    let map: Vec<f32> =
-        (0..pair.test.len()).map(|i| (0..3).map(|k| z(i, k).abs()).fold(0.0, f64::max) as f32).collect();
-    let excess_pixels =
-        map.iter().enumerate().filter(|(i, z)| pair.counts(*i) && f64::from(**z) > bound).count();
-    let (worst_z, worst_pixel) = pair.largest(&map);
+    let largest = |i: usize| (0..3).map(|k| z(i, k).abs()).fold(0.0, f64::max) as f32;
+    let [excess] =
+        sum(pair.test.len(), |i| [f64::from(u8::from(pair.counts(i) && f64::from(largest(i)) > bound))]);
+    let excess_pixels = excess as usize;
+    let (worst_z, worst_pixel) = pair.largest(largest);
     // Σ z² per channel: Bonferroni over three channels at the other half.
     let chi2 = pair.mean(|i| [z(i, 0).powi(2), z(i, 1).powi(2), z(i, 2).powi(2)]);
     let chi2_per_degree = chi2.into_iter().fold(0.0, f64::max);
@@ -154,7 +163,7 @@ pub(super) fn verdict(pair: &Pair) -> Option<NoiseVerdict> {
 
 /// Mean over pixels and channels.
 fn mean_of_reference(pair: &Pair) -> f64 {
-    pair.mean(|i| [pair.reference[i].iter().map(|&v| f64::from(v)).sum::<f64>() / 3.0])[0]
+    pair.mean(|i| [pair.reference.at(i).iter().map(|&v| f64::from(v)).sum::<f64>() / 3.0])[0]
 }
 
 /// The z whose two-sided tail of the normal distribution is `probability`.

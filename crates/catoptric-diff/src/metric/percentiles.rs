@@ -8,15 +8,20 @@ pub(super) struct Percentiles;
 
 impl Measure for Percentiles {
     fn measure(&self, pair: &Pair, settings: &Settings) -> Vec<Reading> {
-        let maps = [("abs", pair.absolute_map()), ("rel", pair.relative_map()), ("flip", pair.flip_map())];
         let mut readings = Vec::new();
-        for (kind, map) in maps {
+        // One map at a time: it is reordered, and gone before the next.
+        for kind in ["abs", "rel", "flip"] {
+            let map = match kind {
+                "abs" => pair.absolute_map(),
+                "rel" => pair.relative_map(),
+                _ => pair.flip_map().to_vec(),
+            };
+            let (value, at) = pair.largest(|i| map[i]);
             let mut pooled = pair.pool(map);
             for &q in &settings.percentiles {
                 let name = format!("p{q}_{kind}");
                 readings.push(Reading::new(&name, percentile(&mut pooled, q), Sense::LowerIsBetter));
             }
-            let (value, at) = pair.largest(map);
             let maximum = Reading::new(&format!("max_{kind}"), value, Sense::LowerIsBetter);
             readings.push(Reading { at: Some(at), ..maximum });
         }

@@ -6,6 +6,7 @@
 
 use super::{Measure, Reading, Sense, Settings};
 use crate::pair::Pair;
+use crate::planes::Planes;
 
 pub(super) const EPSILON: f64 = 0.01;
 
@@ -14,7 +15,7 @@ pub(super) struct Relative;
 impl Measure for Relative {
     fn measure(&self, pair: &Pair, _: &Settings) -> Vec<Reading> {
         let values = pair.values();
-        let at = |plane: &[[f32; 3]], i: usize| plane[i].map(|v| f64::from(v) * values.unit);
+        let at = |planes: &Planes, i: usize| planes.at(i).map(|v| f64::from(v) * values.unit);
         let [mean, square] = pair.mean(|i| {
             let r = at(values.reference, i);
             [r.iter().sum::<f64>() / 3.0, r.iter().map(|r| r * r).sum()]

@@ -19,6 +19,7 @@ use crate::limits::Check;
 use crate::metric::{Reading, Sense};
 use crate::pair::Rgb;
 use crate::pictures::{histogram, worst_places};
+use crate::planes::Planes;
 use crate::{Comparison, LayerComparison, Pair};
 
 /// Pixels of a layer that are shown.
@@ -208,8 +209,8 @@ fn layer_data(layer: &LayerComparison) -> serde_json::Value {
     let (width, height) = ((pair.width / factor).max(1), (pair.height / factor).max(1));
     let small = Shrink { pair, factor, width, height };
     let floats = width * height <= FLOAT_PIXELS;
-    let pixels = |plane: &[Rgb]| {
-        let values = small.rgb(plane);
+    let pixels = |planes: &Planes| {
+        let values = small.rgb(planes);
         let bytes: Vec<u8> = if floats {
             values.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect()
         } else {
@@ -224,7 +225,7 @@ fn layer_data(layer: &LayerComparison) -> serde_json::Value {
     let byte = |v: f32| (v * 255.0).round().clamp(0.0, 255.0) as u8;
     let flip: Vec<u8> = small.map(pair.flip_map()).into_iter().map(byte).collect();
     let signed: Vec<u8> = small.map(&pair.signed_map()).into_iter().map(|v| byte(0.5 + 0.5 * v)).collect();
-    let exposure = if pair.coded { 0.0 } else { catoptric_image::tone::auto_exposure(&pair.reference) };
+    let exposure = pair.display_exposure();
     json!({
         "name": layer.title(),
         "width": width,
@@ -250,8 +251,8 @@ struct Shrink<'a> {
 }
 
 impl Shrink<'_> {
-    fn rgb(&self, plane: &[Rgb]) -> Vec<Rgb> {
-        self.each(|i| plane[i])
+    fn rgb(&self, planes: &Planes) -> Vec<Rgb> {
+        self.each(|i| planes.at(i))
     }
 
     fn map(&self, map: &[f32]) -> Vec<f32> {

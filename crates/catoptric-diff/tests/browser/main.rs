@@ -24,7 +24,7 @@ fn report() -> (tempfile::TempDir, String) {
     test[SPOT[1] * width + SPOT[0]] = [0.125, 0.0, 0.0];
     let reference = vec![[REFERENCE; 3]; width * height];
     let image = |pixels: &[[f32; 3]]| Image::from_rgb(width, height, pixels);
-    let comparison = compare(&image(&test), &image(&reference), &Params::default()).expect("comparable");
+    let comparison = compare(image(&test), image(&reference), &Params::default()).expect("comparable");
     let checks = Limits::default().check(&comparison).expect("default limits");
     let heading = Heading { test: "out.exr", reference: "a & b.exr", checks: &checks, notes: &[] };
     let folder = tempfile::tempdir().expect("a folder");

@@ -4,7 +4,7 @@
 //! then is memory allocated for pixels. Of mip and rip maps the full resolution is read.
 
 use std::collections::BTreeSet;
-use std::io::Cursor;
+use std::io::{Read, Seek};
 
 use exr::block::UncompressedBlock;
 use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock, CompressedTileBlock};
@@ -19,13 +19,14 @@ use rayon::prelude::*;
 use crate::limits::within;
 use crate::{Image, ImageError, ReadLimits};
 
-/// Chunks decompressed together: enough for all threads, few enough to stay small in memory.
-const BATCH: usize = 64;
+/// Chunks per thread that are decompressed together: the threads do not wait, and the memory stays small.
+const BATCH: usize = 4;
 
-pub(crate) fn decode(bytes: &[u8], limits: &ReadLimits) -> Result<Image, ImageError> {
-    let reader = exr::block::read(Cursor::new(bytes), false).map_err(damaged)?;
+/// Decodes a file of `size` bytes, which need not be in memory as a whole.
+pub(crate) fn decode(source: impl Read + Seek, size: u64, limits: &ReadLimits) -> Result<Image, ImageError> {
+    let reader = exr::block::read(source, false).map_err(damaged)?;
     let meta = reader.meta_data().clone();
-    let window = check(&meta, bytes.len(), limits)?;
+    let window = check(&meta, size, limits)?;
     let mut image = Image::new(window.width, window.height);
     for (part, header) in meta.headers.iter().enumerate() {
         for channel in &header.channels.list {
@@ -47,7 +48,7 @@ struct Window {
 }
 
 /// Checks all that the headers promise.
-fn check(meta: &MetaData, file_size: usize, limits: &ReadLimits) -> Result<Window, ImageError> {
+fn check(meta: &MetaData, file_size: u64, limits: &ReadLimits) -> Result<Window, ImageError> {
     if meta.requirements.has_deep_data || meta.headers.iter().any(|h| h.deep) {
         return Err(ImageError::unsupported("EXR", "deep data"));
     }
@@ -140,46 +141,46 @@ fn collect_text(header: &Header, image: &mut Image) {
 
 /// Decompresses all chunks and puts their lines where they belong.
 fn read_pixels(
-    reader: Reader<Cursor<&[u8]>>,
+    reader: Reader<impl Read + Seek>,
     meta: &MetaData,
     window: &Window,
     image: &mut Image,
 ) -> Result<(), ImageError> {
     let mut seen = BTreeSet::new();
     let mut chunks = reader.all_chunks(false).map_err(damaged)?;
+    let together = BATCH * rayon::current_num_threads();
     loop {
-        // Take a batch of full-resolution chunks.
-        let mut batch = Vec::with_capacity(BATCH);
-        for chunk in chunks.by_ref().take(BATCH) {
-            let chunk = chunk.map_err(damaged)?;
-            if !seen.insert(chunk_key(&chunk)) {
-                return Err(ImageError::damaged("EXR", "the same chunk twice"));
-            }
-            batch.push(chunk);
+        // Take a batch of chunks. Problems keep their place: the first in the file is reported, whatever the batch.
+        let mut batch = Vec::with_capacity(together);
+        for chunk in chunks.by_ref().take(together) {
+            batch.push(chunk.map_err(damaged).and_then(|chunk| {
+                let new = seen.insert(chunk_key(&chunk));
+                if new { Ok(chunk) } else { Err(ImageError::damaged("EXR", "the same chunk twice")) }
+            }));
         }
         if batch.is_empty() {
             return Ok(());
         }
         // Decompress in parallel, copy in order.
-        let blocks: Vec<Option<UncompressedBlock>> = batch
-            .into_par_iter()
-            .map(|chunk| match &chunk.compressed_block {
-                CompressedBlock::Tile(tile)
-                    if tile.coordinates.level_index.0 + tile.coordinates.level_index.1 > 0 =>
-                {
-                    Ok(None)
-                }
-                _ => {
-                    check_dwa(&chunk, meta)?;
-                    UncompressedBlock::decompress_chunk(chunk, meta, false).map(Some)
-                }
-            })
-            .collect::<Result<_, _>>()
-            .map_err(damaged)?;
-        for block in blocks.into_iter().flatten() {
-            place(&block, meta, window, image)?;
+        let blocks: Vec<Result<Option<UncompressedBlock>, ImageError>> =
+            batch.into_par_iter().map(|chunk| decompress(chunk?, meta).map_err(damaged)).collect();
+        for block in blocks {
+            if let Some(block) = block? {
+                place(&block, meta, window, image)?;
+            }
         }
     }
+}
+
+/// The pixels of a chunk; `None` for one of lower resolution.
+fn decompress(chunk: Chunk, meta: &MetaData) -> Result<Option<UncompressedBlock>, exr::error::Error> {
+    if let CompressedBlock::Tile(tile) = &chunk.compressed_block
+        && tile.coordinates.level_index.0 + tile.coordinates.level_index.1 > 0
+    {
+        return Ok(None);
+    }
+    check_dwa(&chunk, meta)?;
+    UncompressedBlock::decompress_chunk(chunk, meta, false).map(Some)
 }
 
 /// DWA chunks begin with eleven 64-bit sizes that the decompressor allocates unseen: none may exceed what a block of this

@@ -7,7 +7,7 @@ mod jpeg;
 pub(crate) mod pfm;
 pub(crate) mod png;
 
-use std::io::Read;
+use std::io::{BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
@@ -51,36 +51,55 @@ impl Format {
     }
 }
 
-/// The bytes of a file, if they are few enough.
-pub(crate) fn read_bytes(path: &Path, limits: &ReadLimits) -> Result<Vec<u8>, ImageError> {
+/// Reads a file. An OpenEXR file is decoded chunk by chunk, others are held as a whole.
+pub(crate) fn read(path: &Path, limits: &ReadLimits) -> Result<Image, ImageError> {
     let at = |error| ImageError::io(path, error);
-    let file = std::fs::File::open(path).map_err(at)?;
-    if file.metadata().map_err(at)?.is_dir() {
+    let mut file = std::fs::File::open(path).map_err(at)?;
+    let metadata = file.metadata().map_err(at)?;
+    if metadata.is_dir() {
         return Err(at(std::io::Error::new(std::io::ErrorKind::IsADirectory, "is a folder, not an image")));
+    }
+    let size_within = |size: u64| {
+        within("file size in bytes", u128::from(size), u128::from(limits.max_bytes))
+            .map_err(|e| e.in_file(path))
+    };
+    if metadata.is_file() {
+        size_within(metadata.len())?;
+        let mut magic = Vec::new();
+        file.by_ref().take(4).read_to_end(&mut magic).map_err(at)?;
+        file.rewind().map_err(at)?;
+        if Format::of(&magic) == Some(Format::Exr) {
+            let decode = || exr_read::decode(BufReader::new(file), metadata.len(), limits);
+            return guarded(Format::Exr, decode).map_err(|error| error.in_file(path));
+        }
     }
     // The size is measured while reading: a pipe or a device has no length to ask for.
     let mut bytes = Vec::new();
     file.take(limits.max_bytes + 1).read_to_end(&mut bytes).map_err(at)?;
-    within("file size in bytes", bytes.len() as u128, u128::from(limits.max_bytes))
-        .map_err(|e| e.in_file(path))?;
-    Ok(bytes)
+    size_within(bytes.len() as u64)?;
+    decode(&bytes, limits).map_err(|error| error.in_file(path))
 }
 
-/// Decodes by content. A panic inside a decoder is a damaged file.
+/// Decodes by content.
 pub(crate) fn decode(bytes: &[u8], limits: &ReadLimits) -> Result<Image, ImageError> {
     let Some(format) = Format::of(bytes) else {
         let start = bytes.iter().take(8).map(|b| format!("{b:02x}")).collect::<Vec<_>>().join(" ");
         let start = if start.is_empty() { "nothing: it is empty".to_owned() } else { start };
         return Err(ImageError::UnknownFormat { name: String::new(), start });
     };
-    catch_unwind(AssertUnwindSafe(|| match format {
-        Format::Exr => exr_read::decode(bytes, limits),
+    guarded(format, || match format {
+        Format::Exr => exr_read::decode(Cursor::new(bytes), bytes.len() as u64, limits),
         Format::Png => png::decode(bytes, limits),
         Format::Jpeg => jpeg::decode(bytes, limits),
         Format::Hdr => hdr::decode(bytes, limits),
         Format::Pfm => pfm::decode(bytes, limits),
-    }))
-    .unwrap_or_else(|_| Err(ImageError::damaged(format.name(), "its decoder gave up on it")))
+    })
+}
+
+/// A panic inside a decoder is a damaged file.
+fn guarded(format: Format, decode: impl FnOnce() -> Result<Image, ImageError>) -> Result<Image, ImageError> {
+    catch_unwind(AssertUnwindSafe(decode))
+        .unwrap_or_else(|_| Err(ImageError::damaged(format.name(), "its decoder gave up on it")))
 }
 
 /// An image of sRGB samples: colours are decoded to linear light, an alpha channel is kept as it is.

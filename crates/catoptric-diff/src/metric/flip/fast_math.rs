@@ -2,21 +2,28 @@
 //!
 //! Relative errors, measured by the tests below: 3e-7 for the cube root, 3e-6 for powers of arguments in [2⁻⁴⁰, 2⁸].
 
-/// Cube root of a positive number: an estimate from the exponent, then two Halley steps.
+/// The larger of two numbers: one instruction, as neither is NaN.
+#[inline(always)]
+pub(super) fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// Cube root of a positive number by way of its inverse y, which needs no division: an estimate from the exponent, right to
+/// 4 %, a Householder step of third order, and the same for x y² (with h = 1 − x y³, x y² (1 + h/3 + 2h²/9)²).
 #[inline(always)]
 pub(super) fn cbrt(x: f32) -> f32 {
-    let mut y = f32::from_bits(x.to_bits() / 3 + 0x2a51_4067);
-    for _ in 0..2 {
-        let cube = y * y * y;
-        y *= (cube + 2.0 * x) / (2.0 * cube + x);
-    }
-    y
+    let y = f32::from_bits(0x54a2_1000 - x.to_bits() / 3);
+    let h = 1.0 - x * y * y * y;
+    let y = y + y * h * (1.0 / 3.0 + h * (2.0 / 9.0));
+    let root = x * y * y;
+    let h = 1.0 - root * y;
+    root + root * (h * (2.0 / 3.0 + h * (5.0 / 9.0)))
 }
 
 /// x to the power p for x ≥ 0; 0 for x below the normal range.
 #[inline(always)]
 pub(super) fn pow(x: f32, p: f32) -> f32 {
-    let power = exp2(p * log2(x.max(f32::MIN_POSITIVE)));
+    let power = exp2(p * log2(larger(x, f32::MIN_POSITIVE)));
     if x < f32::MIN_POSITIVE { 0.0 } else { power }
 }
 
@@ -36,13 +43,14 @@ fn log2(x: f32) -> f32 {
 /// 2 to the power x for x in [−126, 127]: integer part into the exponent, Taylor series for the rest in [−½, ½].
 #[inline(always)]
 fn exp2(x: f32) -> f32 {
-    const ROUNDER: f32 = 12_582_912.0; // 1.5·2²³: adding it rounds to an integer
+    const ROUNDER: f32 = 12_582_912.0; // 1.5·2²³: adding it rounds to an integer, which its lowest bits then are
     let x = x.clamp(-126.0, 127.0);
-    let whole = (x + ROUNDER) - ROUNDER;
-    let t = (x - whole) * std::f32::consts::LN_2;
-    let series =
-        1.0 + t * (1.0 + t * (0.5 + t * (1.0 / 6.0 + t * (1.0 / 24.0 + t * (1.0 / 120.0 + t / 720.0)))));
-    f32::from_bits(((whole as i32 + 127) << 23) as u32) * series
+    let rounded = x + ROUNDER;
+    let t = (x - (rounded - ROUNDER)) * std::f32::consts::LN_2;
+    let series = 1.0
+        + t * (1.0 + t * (0.5 + t * (1.0 / 6.0 + t * (1.0 / 24.0 + t * (1.0 / 120.0 + t * (1.0 / 720.0))))));
+    let exponent = rounded.to_bits().wrapping_sub(ROUNDER.to_bits()).wrapping_add(127);
+    f32::from_bits(exponent << 23) * series
 }
 
 #[cfg(test)]
