@@ -3,10 +3,12 @@
 //! Does not know cameras or images.
 
 pub mod caustic;
+pub mod coarse;
 pub mod contact;
 pub mod draft;
 pub mod face;
 pub mod fit;
+pub mod frames;
 pub mod gather;
 pub mod media;
 pub mod method;
@@ -17,4 +19,4 @@ pub mod solve;
 pub mod solver;
 pub mod triangulate;
 
-pub use solve::{SolveParams, SolveReport, Solved, solve};
+pub use solve::{SolveError, SolveParams, SolveReport, Solved, solve};

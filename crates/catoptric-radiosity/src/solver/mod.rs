@@ -207,6 +207,19 @@ pub enum Stop {
     Watcher,
 }
 
+impl Stop {
+    /// What it was, for reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Exact => "exact",
+            Self::Residual => "residual",
+            Self::Unshot => "unshot power",
+            Self::Steps => "steps",
+            Self::Watcher => "watcher",
+        }
+    }
+}
+
 /// A radiosity per element, and how it was come by.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {

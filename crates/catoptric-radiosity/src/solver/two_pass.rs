@@ -33,15 +33,18 @@ pub struct PatchSolution {
     pub residual: f64,
 }
 
-/// Solves for the indirect irradiance of the patches, given what sources send to each.
+/// Solves for the indirect irradiance of the patches, given what sources send to each. `start` is the irradiance of an earlier
+/// solution, or empty; `watch` sees the radiosities after every sweep.
 pub fn solve_patches(
     patches: &PatchMesh,
     rows: &[Row],
     sources: &[Rgb],
+    start: &[Rgb],
     params: &SolverParams,
+    watch: &mut dyn FnMut(usize, &[Rgb]),
 ) -> PatchSolution {
     let count = patches.len();
-    let mut irradiance: Vec<Rgb> = vec![Rgb::ZERO; count];
+    let mut irradiance: Vec<Rgb> = if start.is_empty() { vec![Rgb::ZERO; count] } else { start.to_vec() };
     let total = |index: usize, irradiance: &[Rgb]| sources[index] + irradiance[index];
     let radiosity = |index: usize, irradiance: &[Rgb]| {
         let own = patches.reflectances[index] * total(index, irradiance);
@@ -70,6 +73,7 @@ pub fn solve_patches(
         }
         solution.sweeps += 1;
         solution.residual = change / scale;
+        watch(solution.sweeps, &sent);
         if solution.residual < params.tolerance {
             break;
         }
