@@ -42,6 +42,13 @@ def over(x, y, c):
     return (x / rx * atan(y / rx) + y / ry * atan(x / ry)) / (2 * pi)
 
 
+def over_array(x, y, c):
+    """B-3 for all pairs of corner coordinates."""
+    x, y = x[:, None] / c, y[None, :] / c
+    rx, ry = np.sqrt(1 + x * x), np.sqrt(1 + y * y)
+    return (x / rx * np.arctan(y / rx) + y / ry * np.arctan(x / ry)) / (2 * pi)
+
+
 def over_rectangle(px, py, x0, x1, y0, y1, c):
     """Point (px, py, 0) looking up at the rectangle [x0, x1] x [y0, y1] at height c."""
     if x1 <= x0 or y1 <= y0:
@@ -211,6 +218,24 @@ def group_d():
                         rectangle("m1", (a, 0, 0), (0, 0, c), (0, b, 0), 0, rho))
         case("D", f"two facing mirrors of {rho} in {a} x {b} x {c}", geometry, "F^s(floor->ceiling)", exact,
              "images at m a by second differences of C-11", "Howell C-11", "dblquad of B-3 over the images", second,
+             tolerance=1e-5)
+    for a, b, c, rho_x, rho_y in [(1, 1, 1, 0.9, 0.9), (1, 2, 0.7, 0.5, 0.5), (2, 1, 0.5, 0.8, 0.6), (0.3, 0.4, 1, 0.9, 0.7)]:
+        exact = images(a, b, c, rho_x, rho_y, 150)
+        nodes, weights = np.polynomial.legendre.leggauss(20)
+        xs, ys, w = (1 + nodes) / 2 * a, (1 + nodes) / 2 * b, weights / 2
+        m = np.arange(-150, 151)
+        corner = lambda x, y: over_array(np.arange(-150, 152) * a - x, np.arange(-150, 152) * b - y, c)
+        fold = rho_x ** np.abs(m)[:, None] * rho_y ** np.abs(m)[None, :]
+        second = sum(w[i] * w[j] * np.sum(fold * np.diff(np.diff(corner(x, y), axis=0), axis=1))
+                     for i, x in enumerate(xs) for j, y in enumerate(ys))
+        geometry = pair(rectangle("floor", (0, 0, 0), (a, 0, 0), (0, b, 0)),
+                        rectangle("ceiling", (0, 0, c), (0, b, 0), (a, 0, 0)),
+                        rectangle("x0", (0, 0, 0), (0, b, 0), (0, 0, c), 0, rho_x),
+                        rectangle("x1", (a, 0, 0), (0, 0, c), (0, b, 0), 0, rho_x),
+                        rectangle("y0", (0, 0, 0), (0, 0, c), (a, 0, 0), 0, rho_y),
+                        rectangle("y1", (0, b, 0), (a, 0, 0), (0, 0, c), 0, rho_y))
+        case("D", f"duct of mirrors {rho_x} and {rho_y}, {a} x {b} x {c}", geometry, "F^s(floor->ceiling)", exact,
+             "images at (m a, n b) by second differences of C-11", "Howell C-11", "Gauss of B-3 over the images", second,
              tolerance=1e-5)
 
 

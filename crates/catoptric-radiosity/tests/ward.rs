@@ -121,7 +121,8 @@ fn mean(tracer: &Tracer, solved: &Solved, name: &str, reflectance: f32) -> f64 {
         if !tracer.scene().surface_of(triangle).name.starts_with(name) {
             continue;
         }
-        let light = |v: u32| Term::ALL.iter().map(|t| solution.irradiance[t.index()][v as usize].x).sum::<f32>();
+        let light =
+            |v: u32| Term::ALL.iter().map(|t| solution.irradiance[t.index()][v as usize].x).sum::<f32>();
         let a = f64::from(solution.mesh.area(index as u32));
         sum += a * f64::from(vertices.iter().map(|&v| light(v)).sum::<f32>() / 3.0);
         area += a;
@@ -140,7 +141,12 @@ fn compare(what: &str, places: &[String], found: &[f64], expected: &[f64], bar: 
             failures.push(format!("{place}: {found:.5} for {expected}"));
         }
     }
-    println!("{what}: {} values, worst {:.2} % off (bar {} % and rounding)", found.len(), 100.0 * worst, 100.0 * bar);
+    println!(
+        "{what}: {} values, worst {:.2} % off (bar {} % and rounding)",
+        found.len(),
+        100.0 * worst,
+        100.0 * bar
+    );
     assert!(failures.is_empty(), "{what}: {failures:#?}");
 }
 
