@@ -13,6 +13,7 @@ pub mod gather;
 pub mod media;
 pub mod method;
 pub mod patch;
+pub mod reconstruct;
 pub mod refine;
 pub mod rows;
 pub mod solve;

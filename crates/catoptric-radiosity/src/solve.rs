@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use catoptric_light::irradiance::Scratch;
 use catoptric_light::{LightParams, Lights, Receiver};
 use catoptric_scene::{Cancelled, Progress, Rgb, TriangleId};
-use catoptric_solution::{PatchRadiosity, Quality, Solution, Term};
+use catoptric_solution::{DisplayMesh, PatchRadiosity, Quality, Solution, Term};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use catoptric_trace::walk::WalkParams;
 use catoptric_trace::{Ledger, Tracer};
@@ -20,6 +20,7 @@ use crate::gather::{DiffuseLight, Gathered, Surroundings, gather, look_around};
 use crate::media::find_media;
 use crate::method::ElementSet;
 use crate::patch::{PatchId, PatchMesh};
+use crate::reconstruct::{Cells, Reconstruction, unshared};
 use crate::refine::{Field, RefineParams, Values, refine};
 use crate::rows::{PatchLocator, Row, rows};
 use crate::solver::{SolverParams, Stop};
@@ -53,6 +54,8 @@ pub struct SolveParams {
     pub solver: SolverParams,
     /// Another form factor method or solver for the coarse solve, and whether it is watched.
     pub coarse: CoarseParams,
+    /// The classical pictures instead of the final gather.
+    pub reconstruction: Option<Reconstruction>,
     /// Rays of a gather at a vertex, which only holds the fit.
     pub vertex_rays: u32,
     /// Gathers inside a base element.
@@ -104,6 +107,7 @@ impl SolveParams {
             gather_fit: FitParams { prior: 0.1, smoothing: 0.06, ..FitParams::default() },
             solver: SolverParams::default(),
             coarse: CoarseParams::default(),
+            reconstruction: None,
             caustic: CausticParams::for_quality(quality),
         }
     }
@@ -290,6 +294,42 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     }
     report.row_ledger = mean_ledger(&patches, &rows);
 
+    // The light as it spread.
+    let frames = (params.coarse.every > 0).then(|| {
+        let caustic = caustic.as_ref().map(|c| c.on(&draft));
+        let light = |&v: &u32| {
+            let SourceLight { direct, mirrored, punctual, .. } = sources[v as usize];
+            [direct, mirrored, caustic.as_ref().map_or(Rgb::ZERO, |c| c[v as usize]), punctual]
+        };
+        let sources = displayed.origin.iter().map(light).collect();
+        Frames::new(&displayed, &draft, &patches, sources, sent.clone(), frames)
+    });
+    if let Some(rule) = params.reconstruction {
+        report.rays = vec![
+            ("shadow", sources.iter().map(|s| u64::from(s.rays)).sum()),
+            ("rows", patches.len() as u64 * u64::from(params.row_rays)),
+            ("light", u64::from(report.caustic.rays)),
+        ];
+        let caustic = caustic.as_ref().map(|c| c.on(&draft));
+        let of = |value: &dyn Fn(usize) -> Rgb| {
+            let values: Vec<Rgb> = (0..draft.vertices.len()).map(value).collect();
+            patch_sources(&displayed, &patches, &values)
+        };
+        let light = [
+            of(&|v| sources[v].direct),
+            of(&|v| sources[v].mirrored),
+            of(&|v| caustic.as_ref().map_or(Rgb::ZERO, |c| c[v])),
+            indirect.clone(),
+            of(&|v| sources[v].punctual),
+        ];
+        let result = from_patches(&base.mesh, &of_element, &light, rule);
+        let result = Solution { patches: patch_radiosity(&patches, &indirect, &sent), ..result };
+        report.faces = result.mesh.faces.len();
+        report.elements = result.mesh.elements.len();
+        report.vertices = result.mesh.vertices.len();
+        return Ok(Solved { solution: result, report, frames });
+    }
+
     // The final gather sees what sources send and the coarse solution first, then what it found at the vertices.
     let coarse = spread(&draft, &patches, &indirect);
     let sight = Sight { displayed: &displayed, draft: &draft, sources: &values.values };
@@ -301,17 +341,6 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         ("gather", gathered.rays),
         ("light", u64::from(report.caustic.rays)),
     ];
-
-    // The light as it spread.
-    let frames = (params.coarse.every > 0).then(|| {
-        let caustic = caustic.as_ref().map(|c| c.on(&draft));
-        let light = |&v: &u32| {
-            let SourceLight { direct, mirrored, punctual, .. } = sources[v as usize];
-            [direct, mirrored, caustic.as_ref().map_or(Rgb::ZERO, |c| c[v as usize]), punctual]
-        };
-        let sources = displayed.origin.iter().map(light).collect();
-        Frames::new(&displayed, &draft, &patches, sources, sent.clone(), frames)
-    });
 
     // The display mesh with every term.
     let mut result = assemble(displayed, &draft, &sources, &gathered.terms, &patches, &indirect, &sent);
@@ -739,7 +768,13 @@ fn assemble(
         solution.irradiance[Term::Indirect.index()].push(indirect);
         solution.punctual.push(source.punctual);
     }
-    solution.patches = PatchRadiosity {
+    solution.patches = patch_radiosity(patches, indirect, sent);
+    solution
+}
+
+/// Radiosity of the patches: what they reflect, and what comes through from the other side.
+fn patch_radiosity(patches: &PatchMesh, indirect: &[Rgb], sent: &[Rgb]) -> PatchRadiosity {
+    PatchRadiosity {
         areas: patches.areas.clone(),
         centers: patches.centers.iter().map(|c| c.to_array()).collect(),
         radiosity: (0..patches.len())
@@ -751,6 +786,26 @@ fn assemble(
                 (patches.reflectances[i] * (sent[i] + indirect[i]) + through).to_array()
             })
             .collect(),
-    };
-    solution
+    }
+}
+
+/// Direct, mirrored, caustic, indirect and punctual light of the patches on the base mesh by one of the classical rules.
+fn from_patches(
+    mesh: &DisplayMesh,
+    of_element: &[PatchId],
+    light: &[Vec<Rgb>; 5],
+    rule: Reconstruction,
+) -> Solution {
+    let cells = Cells::new(mesh);
+    let shown = light.each_ref().map(|light| {
+        let elements: Vec<Rgb> = of_element.iter().map(|p| light[p.0 as usize]).collect();
+        match rule {
+            Reconstruction::Flat => cells.flat(mesh, &elements).into_iter().flat_map(|v| [v; 3]).collect(),
+            Reconstruction::Averaged => cells.at_vertices(mesh, &elements, false),
+            Reconstruction::Extrapolated => cells.at_vertices(mesh, &elements, true),
+        }
+    });
+    let mesh = if rule == Reconstruction::Flat { unshared(mesh) } else { mesh.clone() };
+    let [direct, mirrored, caustic, indirect, punctual] = shown;
+    Solution { mesh, irradiance: [direct, mirrored, caustic, indirect], punctual, ..Solution::default() }
 }

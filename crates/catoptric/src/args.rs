@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use catoptric_radiosity::method::Method;
+use catoptric_radiosity::reconstruct::Reconstruction;
 use catoptric_radiosity::solver::Solver;
 
 use crate::diff::DiffArgs;
@@ -289,9 +290,49 @@ pub(crate) struct TransportArgs {
     #[arg(long, value_name = "E", value_parser = positive)]
     pub(crate) residual: Option<f64>,
 
+    /// Light at vertices: by a final gather, or from the patches around them as in the first radiosity pictures.
+    #[arg(long, value_enum, default_value_t = Reconstruct::Gather)]
+    pub(crate) reconstruct: Reconstruct,
+
+    /// Smooth light between vertices, or the patches themselves.
+    #[arg(long, value_enum, default_value_t = Shading::Gouraud)]
+    pub(crate) shading: Shading,
+
     /// Steps after which the solver stops: sweeps, or rows shot. Without it: 500 sweeps, or a million rows.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) max_steps: Option<u32>,
+}
+
+/// Light at vertices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Reconstruct {
+    /// Hemisphere rays from every vertex, and a fit.
+    Gather,
+    /// Means of the patches around a vertex.
+    Averaged,
+    /// The same, extrapolated to the border of a surface.
+    Extrapolated,
+}
+
+/// Light between vertices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Shading {
+    /// Every patch has one radiosity.
+    Flat,
+    /// Interpolated.
+    Gouraud,
+}
+
+impl TransportArgs {
+    /// The classical picture that is asked for, and its word.
+    pub(crate) fn reconstruction(&self) -> Option<(Reconstruction, &'static str)> {
+        match (self.shading, self.reconstruct) {
+            (Shading::Flat, _) => Some((Reconstruction::Flat, "flat")),
+            (_, Reconstruct::Gather) => None,
+            (_, Reconstruct::Averaged) => Some((Reconstruction::Averaged, "averaged")),
+            (_, Reconstruct::Extrapolated) => Some((Reconstruction::Extrapolated, "extrapolated")),
+        }
+    }
 }
 
 /// How the program behaves.

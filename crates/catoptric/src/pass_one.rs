@@ -61,6 +61,7 @@ pub(crate) fn run(
         warm: watch.warm,
         every: watch.every,
     };
+    params.reconstruction = args.reconstruction().map(|(rule, _)| rule);
     let mut solved = solve(tracer, &params, reporter).map_err(explain)?;
     solved.solution.scene_hash = hash;
     solved.solution.settings.extend(settings(args));
@@ -96,6 +97,7 @@ pub(crate) fn settings(args: &TransportArgs) -> BTreeMap<String, String> {
         entry("seed", args.seed.to_string()),
     ]);
     settings.extend(args.method.map(|method| entry("method", method.name().to_owned())));
+    settings.extend(args.reconstruction().map(|(_, word)| entry("reconstruct", word.to_owned())));
     settings.extend(args.solver.map(|solver| entry("solver", solver.name().to_owned())));
     settings.extend(args.residual.map(|residual| entry("residual", residual.to_string())));
     settings.extend(args.max_steps.map(|steps| entry("max_steps", steps.to_string())));

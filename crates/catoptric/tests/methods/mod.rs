@@ -244,3 +244,30 @@ fn a_solve_can_start_from_an_earlier_one() {
     // Standard quality has more patches than the draft that `earlier.glb` is.
     refused("earlier.glb").fails_with(1, &["--warm", "patches", "--quality"]);
 }
+
+#[test]
+fn the_classical_pictures_are_made_by_name() {
+    let bench = Bench::new();
+    let room = scene("cornell_box");
+    let render = |more: &[&str]| {
+        let common = ["render", &room, "-o", "out.pfm", "--quality", "draft", "--size", "48", "--json"];
+        let run = bench.run(&[&common, more].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        let report: Value = serde_json::from_str(&run.stdout).expect("JSON");
+        (fs::read(bench.path("out.pfm")).expect("it was written"), report)
+    };
+    let (gathered, report) = render(&[]);
+    assert!(report["settings"].get("reconstruct").is_none());
+    let mut pictures = vec![gathered];
+    for (word, arguments) in [
+        ("averaged", ["--reconstruct", "averaged"]),
+        ("extrapolated", ["--reconstruct", "extrapolated"]),
+        ("flat", ["--shading", "flat"]),
+    ] {
+        let (picture, report) = render(&arguments);
+        assert_eq!(report["settings"]["reconstruct"], word);
+        assert!(report["solve"]["rays"].get("gather").is_none(), "{word} gathers");
+        assert!(!pictures.contains(&picture), "{word} shows what another rule shows");
+        pictures.push(picture);
+    }
+}
