@@ -302,7 +302,73 @@ def group_f():
                           tolerance=1e-6, verify=f"the equation itself: {residual:.1e}", note=""))
 
 
-for group in (group_a, group_b, group_c, group_d, group_f):
+def contour(point, normal, corners):
+    """Lambert's formula for a polygon that is wholly above the horizon, seen counter-clockwise from behind."""
+    r = [(np.array(c) - point) / np.linalg.norm(np.array(c) - point) for c in corners]
+    total = 0.0
+    for a, b in zip(r, r[1:] + r[:1]):
+        cross = np.cross(a, b)
+        total += np.arccos(np.clip(a @ b, -1, 1)) * (normal @ cross) / np.linalg.norm(cross)
+    return abs(total) / (2 * pi)
+
+
+def over_area(point, normal, lamp):
+    """The same by integration over the lamp."""
+    o, a, b = (np.array(v, float) for v in lamp)
+    n = np.cross(a, b)
+    area, n = np.linalg.norm(n), n / np.linalg.norm(n)
+
+    def kernel(v, u):
+        d = o + u * a + v * b - point
+        r2 = d @ d
+        return max(normal @ d, 0) * max(-(n @ d), 0) / (pi * r2 * r2)
+    return area * dblquad(kernel, 0, 1, 0, 1, epsabs=1e-12, epsrel=1e-12)[0]
+
+
+def group_e():
+    def lamp_case(name, lamp, point, normal, exitance=100.0, mirror=None):
+        point, normal = np.array(point, float), np.array(normal, float) / np.linalg.norm(normal)
+        o, a, b = (np.array(v, float) for v in lamp)
+        corners = [o, o + a, o + a + b, o + b]
+        exact = exitance * contour(point, normal, corners)
+        second = exitance * over_area(point, normal, lamp)
+        surfaces = [dict(rectangle("lamp", *lamp), emission=exitance)]
+        if mirror:
+            # The mirror is the plane x = 0: the image of the lamp has x turned round.
+            rho, flip = mirror, np.array([-1.0, 1, 1])
+            exact += exitance * rho * contour(point, normal, [c * flip for c in corners])
+            second += exitance * rho * over_area(point, normal, (o * flip + b * flip, a * flip, -b * flip))
+            surfaces.append(rectangle("mirror", (0, -50, -50), (0, 100, 0), (0, 0, 100), 0, rho))
+        geometry = dict(surfaces=surfaces, point=point.tolist(), normal=normal.tolist())
+        case("E", name, geometry, "irradiance", exact, "Lambert's contour formula", "Lambert 1760", "dblquad over the lamp",
+             second)
+    down = ((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0))
+    lamp_case("square lamp straight above", down, (0, 0, 0), (0, 0, 1))
+    lamp_case("square lamp off to the side", down, (1.5, 0.7, 0), (0, 0, 1))
+    lamp_case("square lamp and a tilted receiver", down, (1.5, 0.7, 0), (-1, 0.3, 1.2))
+    lamp_case("long lamp beside a floor", ((0, -2, 0.5), (0, 4, 0), (0, 0, 0.25)), (1, 0.3, 0), (0, 0, 1))
+    lamp_case("square lamp and its image in a wall of 0.8", ((1, -0.5, 2), (0, 1, 0), (1, 0, 0)), (1.2, 0.4, 0), (0, 0, 1), mirror=0.8)
+
+    def light_case(name, exponent, flux, position, direction, point, normal):
+        d = np.array(point, float) - np.array(position, float)
+        r = np.linalg.norm(d)
+        cos, cos_there = d @ direction / r, -(d @ np.array(normal, float)) / r
+        if exponent is None:
+            peak, second_peak, share = flux / (4 * pi), flux / dblquad(lambda p, t: np.sin(t), 0, pi, 0, 2 * pi)[0], 1
+        else:
+            peak = flux * (exponent + 1) / (2 * pi)
+            second_peak = flux / dblquad(lambda p, t: np.cos(t)**exponent * np.sin(t), 0, pi / 2, 0, 2 * pi)[0]
+            share = cos**exponent
+        geometry = dict(surfaces=[], light=dict(exponent=exponent, peak=peak, position=position, direction=direction),
+                        point=point, normal=normal)
+        case("E", name, geometry, "irradiance", peak * share * cos_there / r**2, "phi (n+1)/2pi cos^n cos/r^2, or phi/4pi cos/r^2",
+             "S integrates to 1", "the peak from an integrated distribution", second_peak * share * cos_there / r**2)
+    for exponent in (None, 0, 1, 3, 20.5):
+        name = "isotropic point" if exponent is None else f"spot with n = {exponent}"
+        light_case(name, exponent, 1000.0, [0, 0, 2], [0, 0, -1], [0.6, -0.3, 0], [0, 0, 1])
+
+
+for group in (group_a, group_b, group_c, group_d, group_e, group_f):
     group()
 json.dump(dict(about="Our own analytic cases, made by derive.py.", cases=CASES), sys.stdout, indent=1)
 print()

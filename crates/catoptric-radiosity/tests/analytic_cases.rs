@@ -7,10 +7,15 @@ use std::path::Path;
 use glam::Vec3;
 use serde_json::Value;
 
+use catoptric_light::irradiance::Scratch;
+use catoptric_light::{LightParams, Lights, Receiver};
 use catoptric_radiosity::method::{ElementSet, FactorRow, Method, MethodParams, prepare};
 use catoptric_radiosity::solver::{Params, Solver, StoredRows, System, solve_system};
-use catoptric_scene::{Material, Rgb, Scene, SceneParts};
+use catoptric_scene::{
+    Barycentric, Material, PunctualKind, PunctualLight, Radiance, Rgb, Scene, SceneParts, Side, TriangleId,
+};
 use catoptric_trace::Tracer;
+use catoptric_trace::sequence::{Key, Purpose};
 
 fn cases() -> Vec<Value> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reference/analytic/cases.json");
@@ -259,6 +264,76 @@ fn closed_rooms_close_and_reciprocity_holds() {
             }
         }
     }
+}
+
+fn vector(value: &Value) -> Vec3 {
+    let v = numbers(value);
+    Vec3::new(v[0] as f32, v[1] as f32, v[2] as f32)
+}
+
+/// Irradiance of lamps and lights of group E at a point.
+fn irradiance_at(case: &Value) -> f64 {
+    let geometry = &case["geometry"];
+    let mut parts = SceneParts::default();
+    for surface in geometry["surfaces"].as_array().expect("surfaces") {
+        let name = surface["name"].as_str().expect("a name");
+        let material = match surface["emission"].as_f64() {
+            // Exitance M is π L.
+            Some(exitance) => {
+                Material::emitter(name, Radiance(Rgb::splat((exitance / std::f64::consts::PI) as f32)))
+            }
+            None => Material::mirror(name, Rgb::splat(number(&surface["rho_s"]) as f32)),
+        };
+        let material = parts.add_material(material);
+        let corners: Vec<Vec3> =
+            surface["vertices"].as_array().expect("vertices").iter().map(vector).collect();
+        parts.add_triangles(name, material, &corners, &[[0, 1, 2], [0, 2, 3]]);
+    }
+    let (point, normal) = (vector(&geometry["point"]), vector(&geometry["normal"]));
+    if let Some(light) = geometry["light"].as_object() {
+        let kind = match light["exponent"].as_f64() {
+            Some(exponent) => PunctualKind::Lobe { exponent: exponent as f32 },
+            None => PunctualKind::Point,
+        };
+        parts.lights.push(PunctualLight {
+            name: "light".to_owned(),
+            position: vector(&light["position"]),
+            direction: vector(&light["direction"]),
+            intensity: Rgb::splat(number(&light["peak"]) as f32),
+            kind,
+        });
+    }
+    // The receiver itself: a scrap of white.
+    let white = parts.add_material(Material::lambertian("white", Rgb::ONE));
+    let (a, b) = normal.any_orthonormal_pair();
+    parts.add_quad("receiver", white, point - (a + b) * 0.001, a * 0.002, b * 0.002);
+    let scene = Scene::new(parts).expect("a valid scene");
+    let tracer = Tracer::new(&scene);
+    let lights = Lights::new(&tracer, LightParams::default());
+    let triangle = TriangleId(scene.triangles().len() as u32 - 2);
+    let scrap = Receiver::on(&tracer, triangle, Side::Front, Barycentric { u: 0.3, v: 0.3 });
+    // A scrap's corners, rounded to f32, say little of its normal.
+    let receiver = Receiver { position: point, normal, geometric: normal, ..scrap };
+    let mut scratch = Scratch::default();
+    let key = Key::new(0, Purpose::Emitter, 0);
+    let area = lights.direct(&receiver, 64, key, &mut scratch).irradiance
+        + lights.mirrored(&receiver, 64, key, &mut scratch).irradiance;
+    let punctual = lights.punctual(&receiver, &mut scratch);
+    f64::from((area + punctual.direct + punctual.mirrored).x)
+}
+
+#[test]
+fn irradiance_of_lamps_and_lights_is_exact() {
+    let (mut count, mut worst) = (0, 0.0_f64);
+    for case in cases().iter().filter(|c| c["group"] == "E") {
+        let (found, exact) = (irradiance_at(case), number(&case["value"]));
+        let error = (found / exact - 1.0).abs();
+        assert!(error <= number(&case["tolerance"]), "{}: {found} for {exact}, {error:.1e} off", name(case));
+        worst = worst.max(error);
+        count += 1;
+    }
+    println!("irradiance: {count} cases, worst relative error {worst:.1e}");
+    assert!(count >= 10);
 }
 
 struct Room {

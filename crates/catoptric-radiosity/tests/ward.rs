@@ -1,4 +1,4 @@
-//! Ward's room (mail to the globillum list, 9 October 1990): the published radiosities, and those of an independent solver
+//! Ward's room (Ward 1990): the published radiosities, and those of an independent solver
 //! for the room with one and two mirror walls.
 //!
 //! 10 × 6 × 3 m, z up; a lamp of 0.5 × 0.5 m in the ceiling's centre, radiance 10, black; reflectances 0.7 (ceiling), 0.5

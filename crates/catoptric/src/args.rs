@@ -9,7 +9,7 @@ use catoptric_radiosity::reconstruct::Reconstruction;
 use catoptric_radiosity::solver::Solver;
 
 use crate::diff::DiffArgs;
-use crate::value::{CameraChoice, Frames, Size, SkySource};
+use crate::value::{CameraChoice, Frames, LightFile, Size, SkySource};
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -268,6 +268,10 @@ pub(crate) struct TransportArgs {
     /// Plain radiosity: mirrors and glass are seen but light nothing. For teaching.
     #[arg(long)]
     pub(crate) plain: bool,
+
+    /// Photometric file (IES LM-63) of a punctual light: its candela instead of the light's own, tinted by its colour.
+    #[arg(long, value_name = "LIGHT=FILE")]
+    pub(crate) ies: Vec<LightFile>,
 
     /// Light from the sky: a radiance, or an equirectangular image (.exr, .hdr).
     #[arg(long, value_name = "R,G,B|FILE")]

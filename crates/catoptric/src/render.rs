@@ -36,7 +36,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let report_file = args.run.json.clone().flatten();
     reporter.begin_deaf("load");
     let light = args.solution.as_deref().map_or(Light::Own, Light::Beside);
-    let mut input = Input::read(&args.scene, args.transport.sky.as_ref(), light)?;
+    let mut input = Input::read_with(&args.scene, args.transport.sky.as_ref(), &args.transport.ies, light)?;
     let views = views(args, &input)?;
     check_outputs(args, &outputs, &views, report_file.as_deref())?;
     if let Some(solution) = &input.solution {

@@ -46,7 +46,8 @@ pub(crate) fn run(args: &SolveArgs) -> Result<(), Failure> {
     }
 
     reporter.begin_deaf("load");
-    let mut input = Input::read(&args.scene, args.transport.sky.as_ref(), Light::New)?;
+    let mut input =
+        Input::read_with(&args.scene, args.transport.sky.as_ref(), &args.transport.ies, Light::New)?;
     summary::warn(&reporter, &input.warnings);
     reporter.begin_deaf("tree");
     let tracer = Tracer::new(&input.scene);

@@ -271,3 +271,35 @@ fn the_classical_pictures_are_made_by_name() {
         pictures.push(picture);
     }
 }
+
+#[test]
+fn a_photometric_file_travels_with_the_solution() {
+    let bench = Bench::new();
+    let lamp = scene("spot_mirror");
+    // 100 cd straight ahead and nothing to the side.
+    let ies = "IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 3 1 1 2 0 0 0\n1 1 10\n0 45 90\n0\n100 60 0\n";
+    fs::write(bench.path("lamp.ies"), ies).expect("a temporary folder that works");
+    let run = bench.run(&["info", &lamp, "--json"]);
+    let info: Value = serde_json::from_str(&run.stdout).expect("JSON");
+    let name = info["lights"][0]["name"].as_str().expect("a light").to_owned();
+    let with = format!("{name}=lamp.ies");
+    let render = |scene: &str, output: &str, more: &[&str]| {
+        let common = ["render", scene, "-o", output, "--quality", "draft", "--size", "32"];
+        let run = bench.run(&[&common, more].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        fs::read(bench.path(output)).expect("it was written")
+    };
+    let own = render(&lamp, "own.pfm", &[]);
+    let straight = render(&lamp, "straight.pfm", &["--ies", &with]);
+    assert!(own != straight);
+    let solved = bench.run(&["solve", &lamp, "-o", "solved.glb", "--quality", "draft", "--ies", &with]);
+    assert_eq!(solved.code, 0, "{}", solved.stderr);
+    fs::remove_file(bench.path("lamp.ies")).expect("it was there");
+    assert!(render("solved.glb", "later.pfm", &[]) == straight);
+    bench.run(&["render", &lamp, "-o", "x.pfm", "--ies", &with]).fails_with(1, &["--ies", "lamp.ies"]);
+    fs::write(bench.path("lamp.ies"), ies).expect("a temporary folder that works");
+    bench
+        .run(&["render", &lamp, "-o", "x.pfm", "--ies", "Nobody=lamp.ies"])
+        .fails_with(1, &["Nobody", &name]);
+    bench.run(&["render", &lamp, "-o", "x.pfm", "--ies", "lamp.ies"]).fails_with(2, &["LIGHT=FILE"]);
+}
