@@ -350,3 +350,38 @@ fn frames_show_light_that_grows_to_the_solution() {
         }
     }
 }
+
+/// Rows that count how often they are asked for.
+struct Counted<'a> {
+    rows: &'a StoredRows,
+    asked: std::cell::Cell<usize>,
+}
+
+impl Rows for Counted<'_> {
+    fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    fn visit(&self, from: usize, visit: &mut dyn FnMut(usize, f64)) {
+        self.asked.set(self.asked.get() + 1);
+        self.rows.visit(from, visit);
+    }
+}
+
+#[test]
+fn solvers_ask_for_the_rows_that_they_say() {
+    let stored = Stored::new("cornell_mirror", 60);
+    let rows = StoredRows::channel(&stored.matrix, 0);
+    for solver in Solver::ALL {
+        let counted = Counted { rows: &rows, asked: std::cell::Cell::new(0) };
+        let system = System {
+            rows: &counted,
+            reflectance: &stored.reflectance,
+            emission: &stored.emission,
+            weights: &stored.weights,
+        };
+        let params = Params { residual: 1e-4, ..Params::default() };
+        let solution = solve_system(solver, &system, &params, &mut |_| true);
+        assert_eq!(solution.rows, counted.asked.get(), "{}", solver.name());
+    }
+}
