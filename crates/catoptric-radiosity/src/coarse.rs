@@ -351,7 +351,8 @@ fn one_channel(
         let before = steps;
         let mut solution = solve_system(solver, &system, &limits, &mut |step| {
             let steps = before + step.steps;
-            if params.every > 0 && steps % params.every == 0 && frames.len() < MAX_FRAMES {
+            let known = !step.radiosity.is_empty();
+            if known && params.every > 0 && steps % params.every == 0 && frames.len() < MAX_FRAMES {
                 let radiosity = step.radiosity.iter().map(|b| *b as f32).collect();
                 frames.push((steps, radiosity, step.ambient));
             }

@@ -385,3 +385,24 @@ fn solvers_ask_for_the_rows_that_they_say() {
         assert_eq!(solution.rows, counted.asked.get(), "{}", solver.name());
     }
 }
+
+#[test]
+fn whoever_watches_can_stop_every_solver() {
+    let stored = Stored::new("cornell_mirror", 60);
+    let rows = StoredRows::channel(&stored.matrix, 0);
+    let system = System {
+        rows: &rows,
+        reflectance: &stored.reflectance,
+        emission: &stored.emission,
+        weights: &stored.weights,
+    };
+    for solver in Solver::ALL {
+        let mut seen = 0;
+        let solution = solve_system(solver, &system, &Params::default(), &mut |_| {
+            seen += 1;
+            seen < 2
+        });
+        assert_eq!((solution.stop, seen), (Stop::Watcher, 2), "{}", solver.name());
+        assert_eq!(solution.radiosity.len(), system.len());
+    }
+}

@@ -240,7 +240,7 @@ pub struct Solution {
 pub struct Step<'a> {
     /// Steps so far.
     pub steps: usize,
-    /// B.
+    /// B; empty while `direct` eliminates.
     pub radiosity: &'a [f64],
     /// ΔB of shooters; empty for others.
     pub unshot: &'a [f64],
