@@ -120,7 +120,7 @@ pub fn rows_by(
         seed,
         resolution: 16,
         tolerance: 1e-3,
-        max_cells: 64,
+        max_cells: 16,
     };
     let prepared =
         method::prepare(method, tracer, set, &params).map_err(|error| SolveError::Method(method, error))?;

@@ -406,8 +406,9 @@ impl<'a> Analytic<'a> {
         let mut parts = vec![piece.outline];
         let planes = stage.targets.iter().map(|t| (t.normal, t.offset, t.plane));
         let mut used: Vec<PlaneId> = Vec::new();
+        let most = MAX_PARTS.min(self.params.max_cells / 4);
         for (normal, offset, plane) in planes {
-            if parts.len() >= MAX_PARTS || used.contains(&plane) {
+            if parts.len() >= most || used.contains(&plane) {
                 continue;
             }
             used.push(plane);
