@@ -42,6 +42,13 @@ def over(x, y, c):
     return (x / rx * atan(y / rx) + y / ry * atan(x / ry)) / (2 * pi)
 
 
+def over_array(x, y, c):
+    """B-3 for all pairs of corner coordinates."""
+    x, y = x[:, None] / c, y[None, :] / c
+    rx, ry = np.sqrt(1 + x * x), np.sqrt(1 + y * y)
+    return (x / rx * np.arctan(y / rx) + y / ry * np.arctan(x / ry)) / (2 * pi)
+
+
 def over_rectangle(px, py, x0, x1, y0, y1, c):
     """Point (px, py, 0) looking up at the rectangle [x0, x1] x [y0, y1] at height c."""
     if x1 <= x0 or y1 <= y0:
@@ -212,6 +219,24 @@ def group_d():
         case("D", f"two facing mirrors of {rho} in {a} x {b} x {c}", geometry, "F^s(floor->ceiling)", exact,
              "images at m a by second differences of C-11", "Howell C-11", "dblquad of B-3 over the images", second,
              tolerance=1e-5)
+    for a, b, c, rho_x, rho_y in [(1, 1, 1, 0.9, 0.9), (1, 2, 0.7, 0.5, 0.5), (2, 1, 0.5, 0.8, 0.6), (0.3, 0.4, 1, 0.9, 0.7)]:
+        exact = images(a, b, c, rho_x, rho_y, 150)
+        nodes, weights = np.polynomial.legendre.leggauss(20)
+        xs, ys, w = (1 + nodes) / 2 * a, (1 + nodes) / 2 * b, weights / 2
+        m = np.arange(-150, 151)
+        corner = lambda x, y: over_array(np.arange(-150, 152) * a - x, np.arange(-150, 152) * b - y, c)
+        fold = rho_x ** np.abs(m)[:, None] * rho_y ** np.abs(m)[None, :]
+        second = sum(w[i] * w[j] * np.sum(fold * np.diff(np.diff(corner(x, y), axis=0), axis=1))
+                     for i, x in enumerate(xs) for j, y in enumerate(ys))
+        geometry = pair(rectangle("floor", (0, 0, 0), (a, 0, 0), (0, b, 0)),
+                        rectangle("ceiling", (0, 0, c), (0, b, 0), (a, 0, 0)),
+                        rectangle("x0", (0, 0, 0), (0, b, 0), (0, 0, c), 0, rho_x),
+                        rectangle("x1", (a, 0, 0), (0, 0, c), (0, b, 0), 0, rho_x),
+                        rectangle("y0", (0, 0, 0), (0, 0, c), (a, 0, 0), 0, rho_y),
+                        rectangle("y1", (0, b, 0), (a, 0, 0), (0, 0, c), 0, rho_y))
+        case("D", f"duct of mirrors {rho_x} and {rho_y}, {a} x {b} x {c}", geometry, "F^s(floor->ceiling)", exact,
+             "images at (m a, n b) by second differences of C-11", "Howell C-11", "Gauss of B-3 over the images", second,
+             tolerance=1e-5)
 
 
 def counts(matrix, rho, emission, area, tolerance):
@@ -277,7 +302,73 @@ def group_f():
                           tolerance=1e-6, verify=f"the equation itself: {residual:.1e}", note=""))
 
 
-for group in (group_a, group_b, group_c, group_d, group_f):
+def contour(point, normal, corners):
+    """Lambert's formula for a polygon that is wholly above the horizon, seen counter-clockwise from behind."""
+    r = [(np.array(c) - point) / np.linalg.norm(np.array(c) - point) for c in corners]
+    total = 0.0
+    for a, b in zip(r, r[1:] + r[:1]):
+        cross = np.cross(a, b)
+        total += np.arccos(np.clip(a @ b, -1, 1)) * (normal @ cross) / np.linalg.norm(cross)
+    return abs(total) / (2 * pi)
+
+
+def over_area(point, normal, lamp):
+    """The same by integration over the lamp."""
+    o, a, b = (np.array(v, float) for v in lamp)
+    n = np.cross(a, b)
+    area, n = np.linalg.norm(n), n / np.linalg.norm(n)
+
+    def kernel(v, u):
+        d = o + u * a + v * b - point
+        r2 = d @ d
+        return max(normal @ d, 0) * max(-(n @ d), 0) / (pi * r2 * r2)
+    return area * dblquad(kernel, 0, 1, 0, 1, epsabs=1e-12, epsrel=1e-12)[0]
+
+
+def group_e():
+    def lamp_case(name, lamp, point, normal, exitance=100.0, mirror=None):
+        point, normal = np.array(point, float), np.array(normal, float) / np.linalg.norm(normal)
+        o, a, b = (np.array(v, float) for v in lamp)
+        corners = [o, o + a, o + a + b, o + b]
+        exact = exitance * contour(point, normal, corners)
+        second = exitance * over_area(point, normal, lamp)
+        surfaces = [dict(rectangle("lamp", *lamp), emission=exitance)]
+        if mirror:
+            # The mirror is the plane x = 0: the image of the lamp has x turned round.
+            rho, flip = mirror, np.array([-1.0, 1, 1])
+            exact += exitance * rho * contour(point, normal, [c * flip for c in corners])
+            second += exitance * rho * over_area(point, normal, (o * flip + b * flip, a * flip, -b * flip))
+            surfaces.append(rectangle("mirror", (0, -50, -50), (0, 100, 0), (0, 0, 100), 0, rho))
+        geometry = dict(surfaces=surfaces, point=point.tolist(), normal=normal.tolist())
+        case("E", name, geometry, "irradiance", exact, "Lambert's contour formula", "Lambert 1760", "dblquad over the lamp",
+             second)
+    down = ((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0))
+    lamp_case("square lamp straight above", down, (0, 0, 0), (0, 0, 1))
+    lamp_case("square lamp off to the side", down, (1.5, 0.7, 0), (0, 0, 1))
+    lamp_case("square lamp and a tilted receiver", down, (1.5, 0.7, 0), (-1, 0.3, 1.2))
+    lamp_case("long lamp beside a floor", ((0, -2, 0.5), (0, 4, 0), (0, 0, 0.25)), (1, 0.3, 0), (0, 0, 1))
+    lamp_case("square lamp and its image in a wall of 0.8", ((1, -0.5, 2), (0, 1, 0), (1, 0, 0)), (1.2, 0.4, 0), (0, 0, 1), mirror=0.8)
+
+    def light_case(name, exponent, flux, position, direction, point, normal):
+        d = np.array(point, float) - np.array(position, float)
+        r = np.linalg.norm(d)
+        cos, cos_there = d @ direction / r, -(d @ np.array(normal, float)) / r
+        if exponent is None:
+            peak, second_peak, share = flux / (4 * pi), flux / dblquad(lambda p, t: np.sin(t), 0, pi, 0, 2 * pi)[0], 1
+        else:
+            peak = flux * (exponent + 1) / (2 * pi)
+            second_peak = flux / dblquad(lambda p, t: np.cos(t)**exponent * np.sin(t), 0, pi / 2, 0, 2 * pi)[0]
+            share = cos**exponent
+        geometry = dict(surfaces=[], light=dict(exponent=exponent, peak=peak, position=position, direction=direction),
+                        point=point, normal=normal)
+        case("E", name, geometry, "irradiance", peak * share * cos_there / r**2, "phi (n+1)/2pi cos^n cos/r^2, or phi/4pi cos/r^2",
+             "S integrates to 1", "the peak from an integrated distribution", second_peak * share * cos_there / r**2)
+    for exponent in (None, 0, 1, 3, 20.5):
+        name = "isotropic point" if exponent is None else f"spot with n = {exponent}"
+        light_case(name, exponent, 1000.0, [0, 0, 2], [0, 0, -1], [0.6, -0.3, 0], [0, 0, 1])
+
+
+for group in (group_a, group_b, group_c, group_d, group_e, group_f):
     group()
 json.dump(dict(about="Our own analytic cases, made by derive.py.", cases=CASES), sys.stdout, indent=1)
 print()

@@ -146,8 +146,8 @@ fn under_the_sun() -> Scene {
     texels[4 * width + 29] = [150.0, 140.0, 120.0];
     parts.sky = Some(Sky::Image(SkyImage { width, height, texels }));
     let eye = Vec3::new(0.4, 1.9, 4.2);
-    let back = (eye - Vec3::new(0.1, 0.4, 0.0)).normalize();
-    let right = Vec3::Y.cross(back).normalize();
+    let back = (eye - Vec3::new(0.1, 0.4, 0.0)).normalize_or(Vec3::Z);
+    let right = Vec3::Y.cross(back).normalize_or(Vec3::X);
     let turn = Mat3::from_cols(right, back.cross(right), back);
     parts.cameras.push(Camera {
         name: "camera".to_owned(),

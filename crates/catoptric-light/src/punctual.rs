@@ -61,7 +61,10 @@ impl Lights<'_> {
                 let far = f64::from(self.far());
                 (position - light.direction.as_dvec3() * far, 1.0)
             }
-            PunctualKind::Point | PunctualKind::Spot { .. } => {
+            PunctualKind::Point
+            | PunctualKind::Spot { .. }
+            | PunctualKind::Lobe { .. }
+            | PunctualKind::Photometric { .. } => {
                 let target = light.position.as_dvec3();
                 (target, 1.0 / (target - position).length_squared().max(1e-12))
             }

@@ -3,14 +3,17 @@
 //! Does not know cameras or images.
 
 pub mod caustic;
+pub mod coarse;
 pub mod contact;
 pub mod draft;
 pub mod face;
 pub mod fit;
+pub mod frames;
 pub mod gather;
 pub mod media;
 pub mod method;
 pub mod patch;
+pub mod reconstruct;
 pub mod refine;
 pub mod rows;
 pub mod sharing;
@@ -18,4 +21,4 @@ pub mod solve;
 pub mod solver;
 pub mod triangulate;
 
-pub use solve::{SolveParams, SolveReport, Solved, solve};
+pub use solve::{SolveError, SolveParams, SolveReport, Solved, solve};

@@ -23,6 +23,17 @@ pub enum Weights {
     Tinted(Vec<Rgb>),
 }
 
+impl Weights {
+    /// One number each where no channel differs from the others.
+    pub fn of(weights: Vec<Rgb>) -> Self {
+        if weights.iter().all(|w| w.x == w.y && w.y == w.z) {
+            Self::Gray(weights.iter().map(|w| w.x).collect())
+        } else {
+            Self::Tinted(weights)
+        }
+    }
+}
+
 /// One row of extended form factors, sorted by patch.
 #[derive(Clone, Debug)]
 pub struct Row {
@@ -139,9 +150,7 @@ fn finish(mut entries: Vec<(PatchId, Rgb)>, found: Rgb, ledger: Ledger, rays: u3
             }
         }
     }
-    let gray = weights.iter().all(|w| w.x == w.y && w.y == w.z);
-    let weights =
-        if gray { Weights::Gray(weights.iter().map(|w| w.x).collect()) } else { Weights::Tinted(weights) };
+    let weights = Weights::of(weights);
     let ledger = ledger.scaled(1.0 / f64::from(rays.max(1)));
     Row { patches, weights, found: found * (std::f32::consts::PI * each), ledger }
 }

@@ -5,20 +5,25 @@ use rayon::prelude::*;
 use catoptric_light::irradiance::Scratch;
 use catoptric_light::{LightParams, Lights, Receiver};
 use catoptric_scene::{Cancelled, Progress, Rgb, TriangleId};
-use catoptric_solution::{PatchRadiosity, Quality, Solution, Term};
+use catoptric_solution::{DisplayMesh, PatchRadiosity, Quality, Solution, Term};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use catoptric_trace::walk::WalkParams;
 use catoptric_trace::{Ledger, Tracer};
 
 use crate::caustic::{CausticParams, CausticReport, caustic};
+pub use crate::coarse::SolveError;
+use crate::coarse::{CoarseParams, CoarseSolution, MAX_FRAMES, rows_by, solve_coarse};
 use crate::draft::{Displayed, Draft};
 use crate::fit::{FitParams, FitSample, fit};
+use crate::frames::Frames;
 use crate::gather::{DiffuseLight, Gathered, Surroundings, gather, look_around};
+use crate::method::ElementSet;
 use crate::patch::{PatchId, PatchMesh};
+use crate::reconstruct::{Cells, Reconstruction, unshared};
 use crate::refine::{Field, RefineParams, Values, refine};
 use crate::rows::{PatchLocator, Row, rows};
 use crate::sharing::Sharing;
-use crate::solver::{SolverParams, solve_patches, spread_error};
+use crate::solver::{SolverParams, Stop, spread_error};
 
 /// Parameters of pass one.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,8 +50,12 @@ pub struct SolveParams {
     pub row_rays: u32,
     /// Rays of a final gather.
     pub gather_rays: u32,
-    /// The coarse solver.
+    /// When the coarse solver stops where `coarse` does not say otherwise.
     pub solver: SolverParams,
+    /// Another form factor method or solver for the coarse solve, and whether it is watched.
+    pub coarse: CoarseParams,
+    /// The classical pictures instead of the final gather.
+    pub reconstruction: Option<Reconstruction>,
     /// Rays of a gather at a vertex, which only holds the fit.
     pub vertex_rays: u32,
     /// Gathers inside a base element.
@@ -97,6 +106,8 @@ impl SolveParams {
             near_rounds,
             gather_fit: FitParams { prior: 0.1, smoothing: 0.06, ..FitParams::default() },
             solver: SolverParams::default(),
+            coarse: CoarseParams::default(),
+            reconstruction: None,
             caustic: CausticParams::for_quality(quality),
         }
     }
@@ -117,8 +128,12 @@ pub struct SolveReport {
     pub vertices: usize,
     /// Mean ledger of the rows, shares of the power sent.
     pub row_ledger: Ledger,
-    /// Solver iterations.
+    /// Solver iterations: sweeps, or rows shot.
     pub iterations: usize,
+    /// Rows that the solver asked for.
+    pub solver_rows: usize,
+    /// The rule that stopped the solver.
+    pub stop: Option<Stop>,
     /// Residual relative to the emitted power where the solver stopped.
     pub residual: f64,
     /// Light-side rays.
@@ -138,6 +153,8 @@ pub struct Solved {
     pub solution: Solution,
     /// What was done.
     pub report: SolveReport,
+    /// The light as it spread, if it was to be watched.
+    pub frames: Option<Frames>,
 }
 
 /// Light of sources at a vertex.
@@ -205,7 +222,7 @@ const GATHER_CELL: f32 = 0.5;
 const SHARED_PER_VERTEX: usize = 4;
 
 /// Solves the light of a scene.
-pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> Result<Solved, Cancelled> {
+pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> Result<Solved, SolveError> {
     let mut report = SolveReport::default();
     let lights = Lights::new(tracer, params.light);
     report.image_chains = lights.chains().chains().len();
@@ -218,6 +235,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let base = draft.display(tracer);
     let of_element: Vec<PatchId> = base.roots.iter().map(|&r| patches.of_root[r as usize]).collect();
     report.patches = patches.len();
+    let set = params.coarse.method.map(|_| ElementSet::patches(tracer, &draft, &patches));
     progress.advance(1);
 
     // Finer where other surfaces are near: that is the mesh of the gathers.
@@ -279,15 +297,62 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     // The coarse solve.
     let sent = patch_sources(&displayed, &patches, &values.values);
     let locator = PatchLocator { mesh: &base.mesh, of_element: &of_element };
-    let rows =
+    let mut rows =
         rows(&lights, &draft, &patches, &locator, params.row_rays, params.seed, &params.walk, progress)?;
-    let solution = solve_patches(&patches, &rows, &sent, &params.solver);
-    report.iterations = solution.sweeps;
-    report.residual = solution.residual;
+    if let (Some(method), Some(set)) = (params.coarse.method, &set) {
+        let (rays, seed) = (params.row_rays, params.seed);
+        rows_by(method, tracer, set, &patches, &mut rows, rays, seed, &params.walk, progress)?;
+    }
+    let coarse = &params.coarse;
+    let solution = solve_coarse(tracer, &patches, &rows, &sent, &params.solver, coarse, progress)?;
+    let CoarseSolution { indirect, steps, rows: solver_rows, residual, stop, frames } = solution;
+    report.iterations = steps;
+    report.solver_rows = solver_rows;
+    report.residual = residual;
+    report.stop = Some(stop);
+    if frames.len() == MAX_FRAMES {
+        report.notes.push(format!("only the first {MAX_FRAMES} frames of the solver were kept"));
+    }
     report.row_ledger = mean_ledger(&patches, &rows);
 
+    // The light as it spread.
+    let frames = (params.coarse.every > 0).then(|| {
+        let caustic = caustic.as_ref().map(|c| c.on(&draft));
+        let light = |&v: &u32| {
+            let SourceLight { direct, mirrored, punctual, .. } = sources[v as usize];
+            [direct, mirrored, caustic.as_ref().map_or(Rgb::ZERO, |c| c[v as usize]), punctual]
+        };
+        let sources = displayed.origin.iter().map(light).collect();
+        Frames::new(&displayed, &draft, &patches, sources, sent.clone(), frames)
+    });
+    if let Some(rule) = params.reconstruction {
+        report.rays = vec![
+            ("shadow", sources.iter().map(|s| u64::from(s.rays)).sum()),
+            ("rows", patches.len() as u64 * u64::from(params.row_rays)),
+            ("light", u64::from(report.caustic.rays)),
+        ];
+        let caustic = caustic.as_ref().map(|c| c.on(&draft));
+        let of = |value: &dyn Fn(usize) -> Rgb| {
+            let values: Vec<Rgb> = (0..draft.vertices.len()).map(value).collect();
+            patch_sources(&displayed, &patches, &values)
+        };
+        let light = [
+            of(&|v| sources[v].direct),
+            of(&|v| sources[v].mirrored),
+            of(&|v| caustic.as_ref().map_or(Rgb::ZERO, |c| c[v])),
+            indirect.clone(),
+            of(&|v| sources[v].punctual),
+        ];
+        let result = from_patches(&base.mesh, &of_element, &light, rule);
+        let result = Solution { patches: patch_radiosity(&patches, &indirect, &sent), ..result };
+        report.faces = result.mesh.faces.len();
+        report.elements = result.mesh.elements.len();
+        report.vertices = result.mesh.vertices.len();
+        return Ok(Solved { solution: result, report, frames });
+    }
+
     // The final gather sees what sources send and the coarse solution first, then what it found at the vertices.
-    let coarse = Coarse { patches: &patches, rows: &rows, indirect: &solution.indirect };
+    let coarse = Coarse { patches: &patches, rows: &rows, indirect: &indirect };
     let sight = Sight { displayed: &displayed, draft: &draft, sources: &values.values };
     let sharing = Sharing::new(&mesh_of_gathers, spacing, GATHER_CELL * spacing, budget, &hidden);
     let gathered =
@@ -300,15 +365,14 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     ];
 
     // The display mesh with every term.
-    let mut result =
-        assemble(displayed, &draft, &sources, &gathered.terms, &patches, &solution.indirect, &sent);
+    let mut result = assemble(displayed, &draft, &sources, &gathered.terms, &patches, &indirect, &sent);
     if let Some(caustic) = &caustic {
         result = caustic.add_to(tracer, &mut draft, result);
     }
     report.faces = result.mesh.faces.len();
     report.elements = result.mesh.elements.len();
     report.vertices = result.mesh.vertices.len();
-    Ok(Solved { solution: result, report })
+    Ok(Solved { solution: result, report, frames })
 }
 
 /// Replaces the point samples of direct and mirrored light by their least-squares fit.
@@ -442,7 +506,7 @@ fn mean_ledger(patches: &PatchMesh, rows: &[Row]) -> Ledger {
 }
 
 /// Patch values at the vertices of the draft: means over the base triangles around, then along the hierarchy.
-fn spread(draft: &Draft, patches: &PatchMesh, values: &[Rgb]) -> Vec<Rgb> {
+pub(crate) fn spread(draft: &Draft, patches: &PatchMesh, values: &[Rgb]) -> Vec<Rgb> {
     let mut sums = vec![(Rgb::ZERO, 0.0_f32); draft.vertices.len()];
     for (root, corners) in draft.base.iter().enumerate() {
         let patch = patches.of_root[root].0 as usize;
@@ -943,12 +1007,44 @@ fn assemble(
         solution.irradiance[Term::Indirect.index()].push(indirect);
         solution.punctual.push(source.punctual);
     }
-    solution.patches = PatchRadiosity {
+    solution.patches = patch_radiosity(patches, indirect, sent);
+    solution
+}
+
+/// Radiosity of the patches: what they reflect, and what comes through from the other side.
+fn patch_radiosity(patches: &PatchMesh, indirect: &[Rgb], sent: &[Rgb]) -> PatchRadiosity {
+    PatchRadiosity {
         areas: patches.areas.clone(),
         centers: patches.centers.iter().map(|c| c.to_array()).collect(),
         radiosity: (0..patches.len())
-            .map(|i| (patches.reflectances[i] * (sent[i] + indirect[i])).to_array())
+            .map(|i| {
+                let through = patches.opposite[i].map_or(Rgb::ZERO, |other| {
+                    let other = other.0 as usize;
+                    patches.transmittances[i] * (sent[other] + indirect[other])
+                });
+                (patches.reflectances[i] * (sent[i] + indirect[i]) + through).to_array()
+            })
             .collect(),
-    };
-    solution
+    }
+}
+
+/// Direct, mirrored, caustic, indirect and punctual light of the patches on the base mesh by one of the classical rules.
+fn from_patches(
+    mesh: &DisplayMesh,
+    of_element: &[PatchId],
+    light: &[Vec<Rgb>; 5],
+    rule: Reconstruction,
+) -> Solution {
+    let cells = Cells::new(mesh);
+    let shown = light.each_ref().map(|light| {
+        let elements: Vec<Rgb> = of_element.iter().map(|p| light[p.0 as usize]).collect();
+        match rule {
+            Reconstruction::Flat => cells.flat(mesh, &elements).into_iter().flat_map(|v| [v; 3]).collect(),
+            Reconstruction::Averaged => cells.at_vertices(mesh, &elements, false),
+            Reconstruction::Extrapolated => cells.at_vertices(mesh, &elements, true),
+        }
+    });
+    let mesh = if rule == Reconstruction::Flat { unshared(mesh) } else { mesh.clone() };
+    let [direct, mirrored, caustic, indirect, punctual] = shown;
+    Solution { mesh, irradiance: [direct, mirrored, caustic, indirect], punctual, ..Solution::default() }
 }

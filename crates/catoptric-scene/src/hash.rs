@@ -194,9 +194,15 @@ impl Feed {
 
     fn light(&mut self, light: &PunctualLight) {
         [light.position, light.direction, light.intensity].into_iter().for_each(|v| self.vec3(v));
-        match light.kind {
+        match &light.kind {
             PunctualKind::Point => self.word(0),
-            PunctualKind::Spot { cos_inner, cos_outer } => self.floats(&[1.0, cos_inner, cos_outer]),
+            PunctualKind::Lobe { exponent } => self.floats(&[3.0, *exponent]),
+            PunctualKind::Photometric { table, across } => {
+                self.word(4);
+                self.vec3(*across);
+                table.numbers().for_each(|n| self.floats(&[n]));
+            }
+            &PunctualKind::Spot { cos_inner, cos_outer } => self.floats(&[1.0, cos_inner, cos_outer]),
             PunctualKind::Directional => self.word(2),
         }
     }

@@ -1,11 +1,14 @@
 //! Lights without area: `KHR_lights_punctual`, and the sky.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 
+use crate::photometry::Photometry;
 use crate::quantity::{Radiance, Rgb};
 
 /// What a punctual light sends where.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum PunctualKind {
     /// Intensity in candela (per channel), the same in every direction.
     Point,
@@ -18,6 +21,19 @@ pub enum PunctualKind {
     },
     /// Parallel light; `intensity` is in lux.
     Directional,
+    /// Intensity falls with the cosine from the direction: `intensity` × cosⁿθ in front, nothing behind. With
+    /// S(θ) = (n+1)/2π · cosⁿθ, which integrates to 1 over the hemisphere, `intensity` is Φ(n+1)/2π for the power Φ.
+    Lobe {
+        /// n.
+        exponent: f32,
+    },
+    /// Intensity by a table; `intensity` is its peak.
+    Photometric {
+        /// The table.
+        table: Arc<Photometry>,
+        /// Unit vector across the direction: where the table's horizontal angle is 0.
+        across: Vec3,
+    },
 }
 
 /// A light of `KHR_lights_punctual` in world space; `range` is ignored.
@@ -38,9 +54,19 @@ pub struct PunctualLight {
 impl PunctualLight {
     /// Intensity (candela, or lux) towards `direction_out`, the unit vector from the light.
     pub fn intensity_towards(&self, direction_out: Vec3) -> Rgb {
-        match self.kind {
+        match &self.kind {
             PunctualKind::Point | PunctualKind::Directional => self.intensity,
-            PunctualKind::Spot { cos_inner, cos_outer } => {
+            PunctualKind::Lobe { exponent } => {
+                let cos = self.direction.dot(direction_out);
+                if cos > 0.0 { self.intensity * libm::powf(cos, *exponent) } else { Rgb::ZERO }
+            }
+            PunctualKind::Photometric { table, across } => {
+                let cos = self.direction.dot(direction_out).clamp(-1.0, 1.0);
+                let (x, y) = (across.dot(direction_out), self.direction.cross(*across).dot(direction_out));
+                let (vertical, horizontal) = (libm::acosf(cos), libm::atan2f(y, x));
+                self.intensity * table.share(vertical.to_degrees(), horizontal.to_degrees())
+            }
+            &PunctualKind::Spot { cos_inner, cos_outer } => {
                 // KHR_lights_punctual: angularAttenuation = saturate(cd·scale + offset)².
                 let cos = self.direction.dot(direction_out);
                 let scale = 1.0 / (cos_inner - cos_outer).max(1e-3);

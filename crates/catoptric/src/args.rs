@@ -5,9 +5,11 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use catoptric_radiosity::method::Method;
+use catoptric_radiosity::reconstruct::Reconstruction;
+use catoptric_radiosity::solver::Solver;
 
 use crate::diff::DiffArgs;
-use crate::value::{CameraChoice, Frames, Size, SkySource};
+use crate::value::{CameraChoice, Frames, LightFile, Size, SkySource};
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -34,6 +36,8 @@ const SOLVE_EXAMPLES: &str = "\
 Examples:
   catoptric solve room.glb -o solved.glb
   catoptric solve room.glb -o solved.glb --quality high --json=report.json
+  catoptric solve room.glb -o solved.glb --solver progressive --every 10 --snapshot steps
+  catoptric solve evening.glb -o evening-solved.glb --warm solved.glb
   catoptric render solved.glb -o view.exr           needs no other file
 
 The result is a self-contained glTF: any viewer shows the baked room.";
@@ -151,6 +155,23 @@ pub(crate) struct SolveArgs {
     #[arg(short, long, value_name = "FILE.glb")]
     pub(crate) output: Option<PathBuf>,
 
+    /// Starts from the light of an earlier solution with the same patches (the same scene with other lamps or colours).
+    #[arg(long, value_name = "FILE.glb")]
+    pub(crate) warm: Option<PathBuf>,
+
+    /// Writes a picture of the room every N steps of the solver, as light spreads: DIR/step.000010.png, and
+    /// DIR/step.000010.ambient.png with the ambient term where the solver has one.
+    #[arg(long, value_name = "N", requires = "snapshot", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) every: Option<u32>,
+
+    /// Folder of the pictures; made if it is not there.
+    #[arg(long, value_name = "DIR", requires = "every")]
+    pub(crate) snapshot: Option<PathBuf>,
+
+    /// Size of the pictures in pixels, seen by the first camera.
+    #[arg(long, value_name = "W|WxH", default_value = "320")]
+    pub(crate) snapshot_size: Size,
+
     #[command(flatten)]
     pub(crate) transport: TransportArgs,
     #[command(flatten)]
@@ -248,6 +269,10 @@ pub(crate) struct TransportArgs {
     #[arg(long)]
     pub(crate) plain: bool,
 
+    /// Photometric file (IES LM-63) of a punctual light: its candela instead of the light's own, tinted by its colour.
+    #[arg(long, value_name = "LIGHT=FILE")]
+    pub(crate) ies: Vec<LightFile>,
+
     /// Light from the sky: a radiance, or an equirectangular image (.exr, .hdr).
     #[arg(long, value_name = "R,G,B|FILE")]
     pub(crate) sky: Option<SkySource>,
@@ -255,6 +280,63 @@ pub(crate) struct TransportArgs {
     /// Seed of all sampling sequences. The same seed gives the same bits.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) seed: u32,
+
+    /// Form factors of the coarse solve: rays, hemicube, area or analytic. Without it: rays, as many as the quality says.
+    #[arg(long, value_name = "METHOD")]
+    pub(crate) method: Option<Method>,
+
+    /// Solver of the coarse solve: direct, jacobi, gauss-seidel, southwell, southwell-unordered or progressive. Without it:
+    /// Gauss-Seidel on irradiance, three channels at once.
+    #[arg(long, value_name = "SOLVER")]
+    pub(crate) solver: Option<Solver>,
+
+    /// Residual (of shooters: unshot power), relative to the emitted power, at which the solver stops. Without it: 1e-5.
+    #[arg(long, value_name = "E", value_parser = positive)]
+    pub(crate) residual: Option<f64>,
+
+    /// Light at vertices: by a final gather, or from the patches around them as in the first radiosity pictures.
+    #[arg(long, value_enum, default_value_t = Reconstruct::Gather)]
+    pub(crate) reconstruct: Reconstruct,
+
+    /// Smooth light between vertices, or the patches themselves.
+    #[arg(long, value_enum, default_value_t = Shading::Gouraud)]
+    pub(crate) shading: Shading,
+
+    /// Steps after which the solver stops: sweeps, or rows shot. Without it: 500 sweeps, or a million rows.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) max_steps: Option<u32>,
+}
+
+/// Light at vertices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Reconstruct {
+    /// Hemisphere rays from every vertex, and a fit.
+    Gather,
+    /// Means of the patches around a vertex.
+    Averaged,
+    /// The same, extrapolated to the border of a surface.
+    Extrapolated,
+}
+
+/// Light between vertices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Shading {
+    /// Every patch has one radiosity.
+    Flat,
+    /// Interpolated.
+    Gouraud,
+}
+
+impl TransportArgs {
+    /// The classical picture that is asked for, and its word.
+    pub(crate) fn reconstruction(&self) -> Option<(Reconstruction, &'static str)> {
+        match (self.shading, self.reconstruct) {
+            (Shading::Flat, _) => Some((Reconstruction::Flat, "flat")),
+            (_, Reconstruct::Gather) => None,
+            (_, Reconstruct::Averaged) => Some((Reconstruction::Averaged, "averaged")),
+            (_, Reconstruct::Extrapolated) => Some((Reconstruction::Extrapolated, "extrapolated")),
+        }
+    }
 }
 
 /// How the program behaves.

@@ -214,6 +214,8 @@ impl LightInfo {
             PunctualKind::Point => "point",
             PunctualKind::Spot { .. } => "spot",
             PunctualKind::Directional => "directional",
+            PunctualKind::Lobe { .. } => "cosine lobe",
+            PunctualKind::Photometric { .. } => "photometric",
         };
         Self { name: light.name.clone(), kind, intensity: light.intensity.to_array() }
     }

@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 
 use catoptric_image::{Image, ReadLimits};
 use catoptric_scene::gltf::{AnimatedCameras, Asset, LoadOptions, Loaded, load};
-use catoptric_scene::{Radiance, Scene, SceneHash, Sky, SkyImage};
+use catoptric_scene::{Photometry, Radiance, Scene, SceneHash, Sky, SkyImage};
 use catoptric_solution::Solution;
 use catoptric_solution::file::{self, Saved};
 
 use crate::failure::{Failure, did_you_mean};
-use crate::value::SkySource;
+use crate::value::{LightFile, SkySource};
 
 /// A scene that is ready for both passes.
 pub(crate) struct Input {
@@ -38,7 +38,18 @@ pub(crate) enum Light<'a> {
 impl Input {
     /// Reads the scene, its sky and its light.
     pub(crate) fn read(path: &Path, sky: Option<&SkySource>, light: Light) -> Result<Self, Failure> {
-        let loaded = open(path)?;
+        Self::read_with(path, sky, &[], light)
+    }
+
+    /// The same, with photometric files for some of its lights.
+    pub(crate) fn read_with(
+        path: &Path,
+        sky: Option<&SkySource>,
+        photometry: &[LightFile],
+        light: Light,
+    ) -> Result<Self, Failure> {
+        let photometry = photometry.iter().map(read_photometry).collect::<Result<_, Failure>>()?;
+        let loaded = open_with(path, &LoadOptions { photometry, ..LoadOptions::default() })?;
         let (saved, light_file) = match light {
             Light::New | Light::Own => (saved(&loaded.asset, path)?, path),
             Light::Beside(beside) => {
@@ -78,6 +89,33 @@ impl Input {
 
 /// Loads a file; one that is not there is looked for under similar names.
 fn open(path: &Path) -> Result<Loaded, Failure> {
+    open_with(path, &LoadOptions::default())
+}
+
+/// The name of a light and the text of its file.
+fn read_photometry(of: &LightFile) -> Result<(String, String), Failure> {
+    let shown = of.file.display();
+    let fail = |error: &dyn std::fmt::Display| {
+        Failure::run(
+            format_args!("--ies {}: {shown}: {error}", of.light),
+            "name an IES LM-63 file, like --ies Lamp=lamp.ies",
+        )
+    };
+    let size = std::fs::metadata(&of.file).map_err(|error| fail(&error))?.len();
+    if size > MAX_PHOTOMETRY {
+        return Err(fail(&format_args!("{size} bytes are too many")));
+    }
+    let bytes = std::fs::read(&of.file).map_err(|error| fail(&error))?;
+    // Keywords may be in any code page; the numbers are ASCII.
+    let text = String::from_utf8_lossy(&bytes).into_owned();
+    Photometry::parse(&text).map_err(|error| fail(&error))?;
+    Ok((of.light.clone(), text))
+}
+
+/// Bytes of a photometric file, at most.
+const MAX_PHOTOMETRY: u64 = 16 << 20;
+
+fn open_with(path: &Path, options: &LoadOptions) -> Result<Loaded, Failure> {
     if !path.exists() {
         let message = format!("{}: no such file", path.display());
         return Err(match similar_file(path) {
@@ -85,7 +123,7 @@ fn open(path: &Path) -> Result<Loaded, Failure> {
             None => Failure::Run(message),
         });
     }
-    load(path, &LoadOptions::default()).map_err(|error| Failure::Run(error.to_string()))
+    load(path, options).map_err(|error| Failure::Run(error.to_string()))
 }
 
 /// A scene in the same folder whose name is close.

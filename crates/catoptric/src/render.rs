@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use catoptric_image::Image;
+use catoptric_radiosity::Solved;
 use catoptric_render::{RenderParams, Rendered, render};
 use catoptric_scene::{Camera, Progress};
 use catoptric_solution::Solution;
@@ -12,7 +13,7 @@ use crate::args::RenderArgs;
 use crate::failure::{Failure, did_you_mean};
 use crate::input::{Input, Light};
 use crate::output::{self, Outputs, Tag, in_file_name};
-use crate::pass_one;
+use crate::pass_one::{self, Watch};
 use crate::progress::Reporter;
 use crate::report::{ImageSummary, Report, SceneSummary, SolveSummary};
 use crate::summary;
@@ -35,7 +36,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let report_file = args.run.json.clone().flatten();
     reporter.begin_deaf("load");
     let light = args.solution.as_deref().map_or(Light::Own, Light::Beside);
-    let mut input = Input::read(&args.scene, args.transport.sky.as_ref(), light)?;
+    let mut input = Input::read_with(&args.scene, args.transport.sky.as_ref(), &args.transport.ies, light)?;
     let views = views(args, &input)?;
     check_outputs(args, &outputs, &views, report_file.as_deref())?;
     if let Some(solution) = &input.solution {
@@ -53,7 +54,8 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let (solution, solve_report) = match input.solution {
         Some(solution) => (solution, None),
         None => {
-            let (solution, report) = pass_one::run(&tracer, input.hash, &args.transport, &reporter)?;
+            let Solved { solution, report, .. } =
+                pass_one::run(&tracer, input.hash, &args.transport, Watch::default(), &reporter)?;
             reporter.end();
             summary::solved(&reporter, &report);
             (solution, Some(report))
@@ -88,9 +90,10 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     summary::written(&reporter, &written);
     if args.run.json.is_some() {
         let scene = SceneSummary::new(&args.scene, &input.scene, input.hash);
+        let solve = solve_report.as_ref().map(|report| SolveSummary::new(report, &solution.settings));
         let mut report = Report::new("render", scene, solution.settings, &reporter);
         report.warnings = input.warnings;
-        report.solve = solve_report.as_ref().map(SolveSummary::new);
+        report.solve = solve;
         report.images = images;
         report.outputs = written;
         report.write(report_file.as_deref())?;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use catoptric_image::write_bytes_atomically;
 use catoptric_radiosity::SolveReport;
+use catoptric_radiosity::solver::Stop;
 use catoptric_scene::{Scene, SceneHash};
 use catoptric_trace::Ledger;
 use serde::Serialize;
@@ -56,7 +57,14 @@ pub(crate) struct SolveSummary {
     pub(crate) vertices: usize,
     pub(crate) emitters: usize,
     pub(crate) image_chains: usize,
+    pub(crate) method: String,
+    pub(crate) solver: String,
+    /// The rule that stopped the solver.
+    pub(crate) stop: &'static str,
+    /// Sweeps, or rows shot.
     pub(crate) iterations: usize,
+    /// Rows that the solver asked for.
+    pub(crate) solver_rows: usize,
     /// Relative to the emitted power.
     pub(crate) residual: f64,
     /// Mean of the rows: shares of the power sent, per channel; they sum to 1.
@@ -99,7 +107,9 @@ impl SceneSummary {
 }
 
 impl SolveSummary {
-    pub(crate) fn new(report: &SolveReport) -> Self {
+    pub(crate) fn new(report: &SolveReport, settings: &BTreeMap<String, String>) -> Self {
+        let setting =
+            |name: &str, default: &str| settings.get(name).map_or(default, String::as_str).to_owned();
         Self {
             rays: report.rays.iter().copied().collect(),
             rays_total: report.rays.iter().map(|(_, rays)| rays).sum(),
@@ -109,7 +119,11 @@ impl SolveSummary {
             vertices: report.vertices,
             emitters: report.emitters,
             image_chains: report.image_chains,
+            method: setting("method", "rays"),
+            solver: setting("solver", "two-pass"),
+            stop: report.stop.map_or("", Stop::name),
             iterations: report.iterations,
+            solver_rows: report.solver_rows,
             residual: report.residual,
             ledger: ledger(&report.row_ledger),
             notes: report.notes.clone(),

@@ -1,15 +1,20 @@
 //! `catoptric solve`: pass one, saved for any number of views.
 
+use std::path::{Path, PathBuf};
+
 use catoptric_image::write_bytes_atomically;
-use catoptric_scene::Progress;
+use catoptric_radiosity::Solved;
+use catoptric_radiosity::frames::Frames;
+use catoptric_render::{RenderParams, render};
+use catoptric_scene::{Progress, Rgb};
 use catoptric_solution::file;
 use catoptric_trace::Tracer;
 
 use crate::args::SolveArgs;
 use crate::failure::Failure;
 use crate::input::{Input, Light};
-use crate::output;
-use crate::pass_one;
+use crate::output::{self, Outputs, Tag};
+use crate::pass_one::{self, Watch};
 use crate::progress::Reporter;
 use crate::report::{Report, SceneSummary, SolveSummary};
 use crate::summary;
@@ -34,12 +39,28 @@ pub(crate) fn run(args: &SolveArgs) -> Result<(), Failure> {
         output::check(output, &[])?;
     }
 
+    if let Some(folder) = &args.snapshot {
+        std::fs::create_dir_all(folder)
+            .map_err(|error| Failure::Run(format!("{}: cannot be made: {error}", folder.display())))?;
+        output::check(&folder.join("step.png"), &[])?;
+    }
+
     reporter.begin_deaf("load");
-    let mut input = Input::read(&args.scene, args.transport.sky.as_ref(), Light::New)?;
+    let mut input =
+        Input::read_with(&args.scene, args.transport.sky.as_ref(), &args.transport.ies, Light::New)?;
     summary::warn(&reporter, &input.warnings);
     reporter.begin_deaf("tree");
     let tracer = Tracer::new(&input.scene);
-    let (solution, solve_report) = pass_one::run(&tracer, input.hash, &args.transport, &reporter)?;
+    let watch = Watch {
+        warm: args.warm.as_deref().map_or(Ok(Vec::new()), warm_start)?,
+        every: args.every.map_or(0, |every| every as usize),
+    };
+    let Solved { solution, report: solve_report, frames } =
+        pass_one::run(&tracer, input.hash, &args.transport, watch, &reporter)?;
+    let mut written = vec![path.clone()];
+    if let (Some(frames), Some(folder)) = (&frames, &args.snapshot) {
+        written.extend(snapshots(args, &tracer, frames, folder, &reporter)?);
+    }
 
     reporter.begin("write", 0);
     file::append(&mut input.asset, &input.scene, &solution)
@@ -52,14 +73,60 @@ pub(crate) fn run(args: &SolveArgs) -> Result<(), Failure> {
     reporter.end();
 
     summary::solved(&reporter, &solve_report);
-    summary::written(&reporter, &outputs[..1]);
+    summary::written(&reporter, &written);
     if args.run.json.is_some() {
         let scene = SceneSummary::new(&args.scene, &input.scene, input.hash);
+        let solve = SolveSummary::new(&solve_report, &solution.settings);
         let mut report = Report::new("solve", scene, solution.settings, &reporter);
         report.warnings = input.warnings;
-        report.solve = Some(SolveSummary::new(&solve_report));
-        report.outputs = vec![path.clone()];
+        report.solve = Some(solve);
+        report.outputs = written;
         report.write(report_file.as_deref())?;
     }
     Ok(())
+}
+
+/// Radiosities of the patches of an earlier solution.
+fn warm_start(path: &Path) -> Result<Vec<Rgb>, Failure> {
+    let earlier = Input::read(path, None, Light::Own)?;
+    let Some(solution) = earlier.solution else {
+        return Err(Failure::run(
+            format_args!("--warm {}: holds no solution", path.display()),
+            "name a file that `catoptric solve` wrote",
+        ));
+    };
+    Ok(solution.patches.radiosity.iter().map(|&b| b.into()).collect())
+}
+
+/// Renders every frame, all with the exposure of the last, which is the brightest.
+fn snapshots(
+    args: &SolveArgs,
+    tracer: &Tracer,
+    frames: &Frames,
+    folder: &Path,
+    reporter: &Reporter,
+) -> Result<Vec<PathBuf>, Failure> {
+    let Some(camera) = tracer.scene().cameras().first() else { return Ok(Vec::new()) };
+    let (width, height) = args.snapshot_size.pixels(camera).map_err(Failure::Usage)?;
+    let mut params = RenderParams::for_quality(args.transport.quality.quality(), width, height);
+    params.walk.max_depth = args.transport.max_depth;
+    params.light = pass_one::light(&args.transport);
+    params.seed = args.transport.seed;
+    let mut outputs = Outputs::new(Some(&folder.join("step.png")), None, false, None)?;
+    let mut written = Vec::new();
+    for frame in frames.frames().iter().rev() {
+        for ambient in [false, true] {
+            if ambient && frame.ambient == Rgb::ZERO {
+                continue;
+            }
+            let picture = render(tracer, &frames.solution(frame, ambient), camera, &params, reporter)?;
+            let tag = Tag {
+                camera: Some(format!("{:06}{}", frame.steps, if ambient { ".ambient" } else { "" })),
+                frame: None,
+            };
+            written.extend(outputs.write(&picture.image, &tag)?);
+        }
+    }
+    written.reverse();
+    Ok(written)
 }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use catoptric_radiosity::SolveReport;
+use catoptric_radiosity::solver::Stop;
 
 use crate::progress::Reporter;
 
@@ -25,6 +26,12 @@ pub(crate) fn solved(reporter: &Reporter, report: &SolveReport) {
         count(report.patches as u64),
         count(report.vertices as u64),
         count(rays)
+    ));
+    reporter.say(&format!(
+        "solver: {} steps, residual {:.1e}, stopped by {}",
+        count(report.iterations as u64),
+        report.residual,
+        report.stop.map_or("", Stop::name)
     ));
     for note in &report.notes {
         reporter.say(&format!("note: {note}"));

@@ -135,6 +135,26 @@ impl FromStr for SkySource {
     }
 }
 
+/// A light and the file that says how it shines.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct LightFile {
+    pub(crate) light: String,
+    pub(crate) file: PathBuf,
+}
+
+impl FromStr for LightFile {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.rsplit_once('=') {
+            Some((light, file)) if !light.is_empty() && !file.is_empty() => {
+                Ok(Self { light: light.to_owned(), file: file.into() })
+            }
+            _ => Err("expected LIGHT=FILE, the name of a light and of a photometric file".to_owned()),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

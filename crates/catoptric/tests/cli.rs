@@ -1,5 +1,6 @@
 //! The command line from outside: outputs, messages and exit codes of small scenes.
 
+mod methods;
 mod support;
 
 use std::fs;

@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use catoptric_light::contour::{Polygon, irradiance};
+use catoptric_light::contour::{MAX_CORNERS, Polygon, irradiance};
 use catoptric_scene::{AlphaMode, Barycentric, Side, TriangleId};
 use catoptric_trace::{PlaneId, Tracer};
 
@@ -22,12 +22,19 @@ use super::{ElementSet, Entry, FactorRow, FormFactors, MethodError, MethodParams
 
 /// Polygons of a scene, at most: every point of the quadrature clips each by all others.
 pub const MAX_POLYGONS: usize = 4_000;
-/// Beams that carry less than this share of the power go on as their central ray.
-const THIN: f64 = 3e-7;
+/// Beams that carry less than this share of the power go on as their central ray: the first of these limits, from the finest,
+/// with which one point of the sender looks at no more than [`POINT_WORK`] polygons.
+const THIN: [f64; 2] = [3e-7, 1e-5];
+/// Strips into which thin beams are cut.
+const STRIPS: usize = 8;
+/// Share of the power below which a strip's ray has nothing left: far less than sums round off.
+const NOTHING: f64 = 1e-13;
+/// Polygons that a point may look at.
+const POINT_WORK: u64 = 100_000;
 /// Relative error aimed at where there are mirrors: thin beams land as wholes, which is noise of about this size.
 const MIRROR_TOLERANCE: f64 = 5e-6;
 /// Polygons looked at per element, at most: with many mirrors every point is dear. The error is told.
-const MAX_WORK: u64 = 2_000_000;
+const MAX_WORK: u64 = 5_000_000;
 /// Reflections after which a beam goes on as its central ray, and a central ray ends.
 const MAX_REFLECTIONS: usize = 1_000;
 
@@ -41,6 +48,10 @@ pub struct Analytic<'a> {
     /// Per wall: everything lies on one side of it, so that it stands between nothing.
     outer: Vec<bool>,
     triangles: Vec<TriangleId>,
+    /// Per wall and edge: a vector in its plane that points inside, as long as the edge, and how far a point may be outside.
+    edges: Vec<Vec<(DVec3, f64)>>,
+    /// Per wall: its reflectance as a mirror.
+    reflectances: Vec<Option<DVec3>>,
     mirrors: Vec<Mirror>,
     targets: Vec<Target>,
     /// What is in front of each mirror.
@@ -117,6 +128,8 @@ impl<'a> Analytic<'a> {
             walls: Vec::new(),
             outer: Vec::new(),
             triangles: Vec::new(),
+            edges: Vec::new(),
+            reflectances: Vec::new(),
             mirrors: Vec::new(),
             targets: Vec::new(),
             stages: Vec::new(),
@@ -167,8 +180,16 @@ impl<'a> Analytic<'a> {
             target.offset = -target.offset;
             self.targets.push(target);
         }
+        let reflectance = self.params.walk.extended.then(|| mirror_of(self.tracer, piece.triangle)).flatten();
+        let corners = wall.outline.corners();
+        let edge = |k: usize| {
+            let along = corners[(k + 1) % corners.len()] - corners[k];
+            (wall.normal.cross(along), -1e-9 * along.length_squared())
+        };
+        self.edges.push((0..corners.len()).map(edge).collect());
         self.walls.push(wall);
         self.triangles.push(piece.triangle);
+        self.reflectances.push(reflectance);
     }
 
     /// Whether all walls lie on one side of a wall's plane, within the rounding of positions.
@@ -218,10 +239,14 @@ impl<'a> Analytic<'a> {
 
     /// Adds F(eye → j) for all j, times the view's weight, to `out`.
     fn look(&self, view: &View, out: &mut [DVec3], scratch: &mut Scratch) {
-        let seen = |outline: &Polygon| match &view.window {
+        let sight = view.window.map(|window| Sight::through(&window, view.eye));
+        let seen = |outline: &Polygon| match &sight {
             None => *outline,
-            Some(window) => outline.seen_through(view.eye, window),
+            Some(sight) => sight.of(outline),
         };
+        if scratch.work > scratch.stop {
+            return;
+        }
         let mut parts: Vec<Polygon> = Vec::new();
         scratch.work += (view.stage.targets.len() + view.stage.mirrors.len()) as u64;
         for target in &view.stage.targets {
@@ -259,8 +284,8 @@ impl<'a> Analytic<'a> {
                 if factor <= 0.0 {
                     continue;
                 }
-                if factor * weight.max_element() < THIN || view.depth >= MAX_REFLECTIONS {
-                    self.follow_center(view.eye, mirror, &window, weight * factor, out);
+                if factor * weight.max_element() < scratch.thin || view.depth >= MAX_REFLECTIONS {
+                    self.follow_strips(view, mirror, &window, weight, out, &mut scratch.landed);
                     continue;
                 }
                 let reflect = |v: DVec3| v - mirror.normal * (2.0 * mirror.normal.dot(v));
@@ -277,7 +302,42 @@ impl<'a> Analytic<'a> {
         }
     }
 
-    /// A thin beam lands where its central ray does: its power is kept, its place is right within its width.
+    /// A thin beam goes on as the central rays of strips across its longest extent. From far down a duct windows are narrow
+    /// but tall: what leaves them low goes on for many reflections more than what leaves them high.
+    fn follow_strips(
+        &self,
+        view: &View,
+        mirror: &Mirror,
+        window: &Polygon,
+        weight: DVec3,
+        out: &mut [DVec3],
+        landed: &mut [f64],
+    ) {
+        let corners = window.corners();
+        let edges = (0..corners.len()).map(|k| corners[(k + 1) % corners.len()] - corners[k]);
+        let longest =
+            edges.fold(DVec3::ZERO, |a, b| if b.length_squared() > a.length_squared() { b } else { a });
+        let Some(axis) = longest.try_normalize() else { return };
+        let (low, high) = corners
+            .iter()
+            .map(|c| axis.dot(*c))
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), h| (low.min(h), high.max(h)));
+        let at = |k: usize| low + (high - low) * k as f64 / STRIPS as f64;
+        let mut rest = *window;
+        for k in 1..=STRIPS {
+            let strip = if k == STRIPS { rest } else { rest.clipped(-axis, -at(k)) };
+            rest = rest.clipped(axis, at(k));
+            if strip.is_empty() {
+                continue;
+            }
+            let factor = irradiance(view.eye, view.normal, &strip) / PI;
+            if factor > 0.0 {
+                self.follow_center(view.eye, mirror, &strip, weight * factor, out, landed);
+            }
+        }
+    }
+
+    /// A strip lands where its central ray does: its power is kept, its place is right within its width.
     fn follow_center(
         &self,
         eye: DVec3,
@@ -285,7 +345,9 @@ impl<'a> Analytic<'a> {
         window: &Polygon,
         mut weight: DVec3,
         out: &mut [DVec3],
+        landed: &mut [f64],
     ) {
+        let sent = weight.max_element();
         let corners = window.corners();
         let mut origin = corners.iter().copied().sum::<DVec3>() / corners.len() as f64;
         let mut direction = (origin - eye).normalize_or_zero();
@@ -303,10 +365,13 @@ impl<'a> Analytic<'a> {
             }
             if let Some(element) = self.set.locate(triangle, side, origin) {
                 out[element as usize] += weight;
+                landed[element as usize] += sent;
             }
-            let reflectance = self.params.walk.extended.then(|| mirror_of(self.tracer, triangle)).flatten();
-            let Some(reflectance) = reflectance else { return };
+            let Some(reflectance) = self.reflectances[wall] else { return };
             weight *= reflectance;
+            if weight.max_element() < NOTHING {
+                return;
+            }
             direction -= blocker.normal * (2.0 * blocker.normal.dot(direction));
             from = blocker.plane;
         }
@@ -325,10 +390,10 @@ impl<'a> Analytic<'a> {
             }
             let point = origin + direction * t;
             let corners = wall.outline.corners();
-            let inside = (0..corners.len()).all(|k| {
-                let (a, b) = (corners[k], corners[(k + 1) % corners.len()]);
-                (b - a).cross(point - a).dot(wall.normal) >= -1e-9 * (b - a).length_squared()
-            });
+            let inside = self.edges[index]
+                .iter()
+                .zip(corners)
+                .all(|(&(inward, slack), &a)| inward.dot(point - a) >= slack);
             if inside {
                 best = Some((index, t));
             }
@@ -341,8 +406,9 @@ impl<'a> Analytic<'a> {
         let mut parts = vec![piece.outline];
         let planes = stage.targets.iter().map(|t| (t.normal, t.offset, t.plane));
         let mut used: Vec<PlaneId> = Vec::new();
+        let most = MAX_PARTS.min(self.params.max_cells / 4);
         for (normal, offset, plane) in planes {
-            if parts.len() >= MAX_PARTS || used.contains(&plane) {
+            if parts.len() >= most || used.contains(&plane) {
                 continue;
             }
             used.push(plane);
@@ -368,6 +434,45 @@ impl<'a> Analytic<'a> {
                 (1..corners.len().saturating_sub(1)).map(|k| [corners[0], corners[k], corners[k + 1]])
             })
             .collect()
+    }
+}
+
+/// The planes through an eye and the edges of a window.
+struct Sight {
+    planes: [DVec3; MAX_CORNERS],
+    count: usize,
+    eye: DVec3,
+}
+
+impl Sight {
+    fn through(window: &Polygon, eye: DVec3) -> Self {
+        let mut sight = Self { planes: [DVec3::ZERO; MAX_CORNERS], count: 0, eye };
+        for plane in window.sight_planes(eye).into_iter().flatten() {
+            sight.planes[sight.count] = plane;
+            sight.count += 1;
+        }
+        sight
+    }
+
+    /// The part of a polygon that is seen: only planes that cut it are clipped by.
+    fn of(&self, outline: &Polygon) -> Polygon {
+        let mut cuts = [false; MAX_CORNERS];
+        for (cut, plane) in cuts.iter_mut().zip(&self.planes[..self.count]) {
+            let offset = plane.dot(self.eye);
+            let inside = outline.corners().iter().filter(|c| plane.dot(**c) >= offset).count();
+            if inside == 0 {
+                return Polygon::new(&[]);
+            }
+            *cut = inside < outline.corners().len();
+        }
+        let mut part = *outline;
+        for (_, plane) in cuts.iter().zip(&self.planes[..self.count]).filter(|(cut, _)| **cut) {
+            part = part.clipped(*plane, plane.dot(self.eye));
+            if part.is_empty() {
+                break;
+            }
+        }
+        part
     }
 }
 
@@ -450,6 +555,8 @@ struct Cell {
     stage: usize,
     values: Vec<DVec3>,
     errors: Vec<f64>,
+    /// What thin beams brought, which is where their rays happened to land.
+    landed: Vec<f64>,
     /// Worst error in units of what is aimed at.
     score: f64,
     /// Order of creation: ties are broken the same way every time.
@@ -484,19 +591,27 @@ impl Analytic<'_> {
         normal: DVec3,
         stage: &Stage,
         scratch: &mut Scratch,
-    ) -> (Vec<DVec3>, Vec<f64>) {
+    ) -> Integral {
         let [a, b, c] = corners;
         let twice_area = (b - a).cross(c - a).length();
+        let count = self.set.len() + 1;
+        let mut landed = vec![0.0; count];
         let mut rule = |nodes: &[(f64, f64)]| {
-            let mut sum = vec![DVec3::ZERO; self.set.len() + 1];
+            let mut sum = vec![DVec3::ZERO; count];
             let mut here = sum.clone();
+            landed.fill(0.0);
             for &(u, wu) in nodes {
                 for &(v, wv) in nodes {
                     let eye = a + (b - a) * (u * (1.0 - v)) + (c - a) * (u * v);
                     let view = View { eye, normal, stage, window: None, weight: DVec3::ONE, depth: 0 };
                     here.fill(DVec3::ZERO);
+                    scratch.landed.clear();
+                    scratch.landed.resize(count, 0.0);
                     self.look(&view, &mut here, scratch);
                     let weight = wu * wv * u * twice_area;
+                    for (sum, value) in landed.iter_mut().zip(&scratch.landed) {
+                        *sum += value * weight;
+                    }
                     for (sum, value) in sum.iter_mut().zip(&here) {
                         *sum += *value * weight;
                     }
@@ -504,11 +619,42 @@ impl Analytic<'_> {
             }
             sum
         };
-        let fine = rule(&GAUSS5);
         let coarse = rule(&GAUSS4);
-        let errors = fine.iter().zip(&coarse).map(|(f, c)| (*f - *c).abs().max_element()).collect();
-        (fine, errors)
+        let values = rule(&GAUSS5);
+        let errors = values.iter().zip(&coarse).map(|(f, c)| (*f - *c).abs().max_element()).collect();
+        Integral { values, errors, landed }
     }
+
+    /// How thin beams may get so that a point in the middle of the sender does not look at too much.
+    fn choose_thin(&self, piece: &Piece, stage: &Stage, scratch: &mut Scratch) {
+        let corners = piece.outline.corners();
+        let eye = corners.iter().copied().sum::<DVec3>() / corners.len() as f64;
+        let mut out = vec![DVec3::ZERO; self.set.len() + 1];
+        scratch.landed.clear();
+        scratch.landed.resize(out.len(), 0.0);
+        // From the coarsest on: a finer limit costs up to as many times more as it is finer, or nothing.
+        scratch.thin = THIN[THIN.len() - 1];
+        for &limit in THIN.iter().rev() {
+            let before = scratch.work;
+            let wider = std::mem::replace(&mut scratch.thin, limit);
+            let view = View { eye, normal: piece.normal, stage, window: None, weight: DVec3::ONE, depth: 0 };
+            scratch.stop = before + POINT_WORK;
+            self.look(&view, &mut out, scratch);
+            scratch.stop = u64::MAX;
+            if scratch.work - before > POINT_WORK {
+                scratch.thin = wider;
+                break;
+            }
+        }
+        scratch.work = 0;
+    }
+}
+
+/// What two Gauss rules find on a cell.
+struct Integral {
+    values: Vec<DVec3>,
+    errors: Vec<f64>,
+    landed: Vec<f64>,
 }
 
 impl FormFactors for Analytic<'_> {
@@ -534,6 +680,9 @@ impl FormFactors for Analytic<'_> {
             .iter()
             .map(|p| self.stage(p.normal, p.normal.dot(p.outline.corners()[0]), p.plane))
             .collect();
+        if let (Some(piece), false) = (pieces.first(), self.mirrors.is_empty()) {
+            self.choose_thin(piece, &stages[0], &mut scratch);
+        }
         let mut fresh: Vec<([DVec3; 3], usize)> = Vec::new();
         for (index, piece) in pieces.iter().enumerate() {
             fresh.extend(self.cells(piece, &stages[index]).into_iter().map(|corners| (corners, index)));
@@ -543,13 +692,13 @@ impl FormFactors for Analytic<'_> {
         loop {
             let mut cells = Vec::with_capacity(fresh.len());
             for (corners, stage) in fresh.drain(..) {
-                let (values, errors) =
+                let Integral { values, errors, landed } =
                     self.integrate(corners, pieces[stage].normal, &stages[stage], &mut scratch);
                 for j in 0..=count {
                     total[j] += values[j];
                     error[j] += errors[j];
                 }
-                cells.push(Cell { corners, stage, values, errors, score: 0.0, serial: made });
+                cells.push(Cell { corners, stage, values, errors, landed, score: 0.0, serial: made });
                 made += 1;
             }
             for mut cell in cells {
@@ -578,7 +727,8 @@ impl FormFactors for Analytic<'_> {
         for cell in &cells {
             for j in 0..=count {
                 total[j] += cell.values[j] / area;
-                error[j] += cell.errors[j] / area;
+                // Between one strip and the next, what lands where changes by about a strip's share.
+                error[j] += (cell.errors[j] + cell.landed[j] / STRIPS as f64) / area;
             }
         }
         let samples = made as u64 * (GAUSS4.len() * GAUSS4.len() + GAUSS5.len() * GAUSS5.len()) as u64;

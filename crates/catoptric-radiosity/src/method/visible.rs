@@ -72,13 +72,25 @@ pub(crate) fn subtract(
     }
 }
 
-/// Buffers of [`subtract`].
-#[derive(Default)]
+/// Buffers of [`subtract`], and what a row of the analytic method keeps account of.
 pub(crate) struct Scratch {
     planes: Vec<(DVec3, f64)>,
     kept: Vec<Polygon>,
     /// Polygons that were looked at.
     pub(crate) work: u64,
+    /// Looking ends where more have been looked at.
+    pub(crate) stop: u64,
+    /// Beams that carry less are thin.
+    pub(crate) thin: f64,
+    /// What thin beams brought to each element from the present eye.
+    pub(crate) landed: Vec<f64>,
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        let (planes, kept, landed) = Default::default();
+        Self { planes, kept, work: 0, stop: u64::MAX, thin: 0.0, landed }
+    }
 }
 
 /// The parts of `polygon` outside of the intersection of half-spaces.

@@ -22,7 +22,11 @@ pub fn solve(system: &System, watch: &mut dyn FnMut(&Step) -> bool) -> Solution 
         })
         .collect();
     let mut right = system.emission.to_vec();
-    factorise(&mut matrix, &mut right);
+    let mut goes_on = || watch(&Step { steps: 0, radiosity: &[], unshot: &[], ambient: 0.0 });
+    if !factorise(&mut matrix, &mut right, &mut goes_on) {
+        let radiosity = system.emission.to_vec();
+        return Solution { radiosity, steps: 0, rows: count, residual: 1.0, stop: Stop::Watcher };
+    }
     // L has been applied to the right side on the way; U is left.
     let mut radiosity = vec![0.0; count];
     for i in (0..count).rev() {
@@ -34,11 +38,14 @@ pub fn solve(system: &System, watch: &mut dyn FnMut(&Step) -> bool) -> Solution 
     Solution { radiosity, steps: 1, rows: 2 * count, residual, stop: Stop::Exact }
 }
 
-/// Brings `matrix` into LU form in place, and `right` along with it.
-fn factorise(matrix: &mut [Vec<f64>], right: &mut [f64]) {
+/// Brings `matrix` into LU form in place, and `right` along with it; false where `goes_on` said no between two blocks.
+fn factorise(matrix: &mut [Vec<f64>], right: &mut [f64], goes_on: &mut dyn FnMut() -> bool) -> bool {
     let count = matrix.len();
     let mut start = 0;
     while start < count {
+        if !goes_on() {
+            return false;
+        }
         let end = (start + BLOCK).min(count);
         // The panel: eliminate within the block's columns, for all rows below.
         for k in start..end {
@@ -81,4 +88,5 @@ fn factorise(matrix: &mut [Vec<f64>], right: &mut [f64]) {
         });
         start = end;
     }
+    true
 }

@@ -207,6 +207,19 @@ pub enum Stop {
     Watcher,
 }
 
+impl Stop {
+    /// What it was, for reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Exact => "exact",
+            Self::Residual => "residual",
+            Self::Unshot => "unshot power",
+            Self::Steps => "steps",
+            Self::Watcher => "watcher",
+        }
+    }
+}
+
 /// A radiosity per element, and how it was come by.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
@@ -227,7 +240,7 @@ pub struct Solution {
 pub struct Step<'a> {
     /// Steps so far.
     pub steps: usize,
-    /// B.
+    /// B; empty while `direct` eliminates.
     pub radiosity: &'a [f64],
     /// ΔB of shooters; empty for others.
     pub unshot: &'a [f64],

@@ -35,6 +35,7 @@ pub fn solve(
         rows += count;
     }
     let mut shown: Vec<f64> = relaxed.iter().zip(&residual).map(|(b, r)| b + r).collect();
+    let mut row: Vec<(usize, f64)> = Vec::new();
     let mut steps = 0;
     let mut cursor = 0;
     let stop = loop {
@@ -53,20 +54,20 @@ pub fn solve(
             }
         };
         cursor = chosen + 1;
-        let mut own = 0.0;
-        system.rows.visit(chosen, &mut |to, factor| own += if to == chosen { factor } else { 0.0 });
+        // Read once: the row may be computed on demand, and its own form factor may come last.
+        row.clear();
+        system.rows.visit(chosen, &mut |to, factor| row.push((to, factor)));
+        let own: f64 = row.iter().filter(|e| e.0 == chosen).map(|e| e.1).sum();
         let sent = residual[chosen] / (1.0 - system.reflectance[chosen] * own);
         relaxed[chosen] += sent;
         residual[chosen] = 0.0;
         shown[chosen] = relaxed[chosen];
         let power = sent * system.weights[chosen];
-        system.rows.visit(chosen, &mut |to, factor| {
-            if to != chosen {
-                let received = system.reflectance[to] * factor * power / system.weights[to];
-                residual[to] += received;
-                shown[to] += received;
-            }
-        });
+        for &(to, factor) in row.iter().filter(|e| e.0 != chosen) {
+            let received = system.reflectance[to] * factor * power / system.weights[to];
+            residual[to] += received;
+            shown[to] += received;
+        }
         steps += 1;
         rows += 1;
         if !watch(&Step { steps, radiosity: &shown, unshot: &residual, ambient: 0.0 }) {

@@ -33,15 +33,18 @@ pub struct PatchSolution {
     pub residual: f64,
 }
 
-/// Solves for the indirect irradiance of the patches, given what sources send to each.
+/// Solves for the indirect irradiance of the patches, given what sources send to each. `start` is the irradiance of an earlier
+/// solution, or empty; `watch` sees the radiosities after every sweep.
 pub fn solve_patches(
     patches: &PatchMesh,
     rows: &[Row],
     sources: &[Rgb],
+    start: &[Rgb],
     params: &SolverParams,
+    watch: &mut dyn FnMut(usize, &[Rgb]),
 ) -> PatchSolution {
     let found: Vec<Rgb> = rows.iter().map(|r| r.found).collect();
-    sweep(patches, rows, sources, &found, params)
+    sweep(patches, rows, [sources, &found], start, params, watch)
 }
 
 /// What becomes of an error of the irradiance after at least one more reflection: Σ_{n ≥ 1} (F ρ)ⁿ·`error`.
@@ -54,18 +57,20 @@ pub fn spread_error(
     error: &[Rgb],
     params: &SolverParams,
 ) -> PatchSolution {
-    sweep(patches, rows, error, &vec![Rgb::ZERO; rows.len()], params)
+    sweep(patches, rows, [error, &vec![Rgb::ZERO; rows.len()]], &[], params, &mut |_, _| ())
 }
 
+/// Sweeps until the irradiance stays. `sources` are reflected and not part of the result; `found` is both.
 fn sweep(
     patches: &PatchMesh,
     rows: &[Row],
-    sources: &[Rgb],
-    found: &[Rgb],
+    [sources, found]: [&[Rgb]; 2],
+    start: &[Rgb],
     params: &SolverParams,
+    watch: &mut dyn FnMut(usize, &[Rgb]),
 ) -> PatchSolution {
     let count = patches.len();
-    let mut irradiance: Vec<Rgb> = vec![Rgb::ZERO; count];
+    let mut irradiance: Vec<Rgb> = if start.is_empty() { vec![Rgb::ZERO; count] } else { start.to_vec() };
     let total = |index: usize, irradiance: &[Rgb]| sources[index] + irradiance[index];
     let radiosity = |index: usize, irradiance: &[Rgb]| {
         let own = patches.reflectances[index] * total(index, irradiance);
@@ -94,6 +99,7 @@ fn sweep(
         }
         solution.sweeps += 1;
         solution.residual = change / scale;
+        watch(solution.sweeps, &sent);
         if solution.residual < params.tolerance {
             break;
         }

@@ -1,16 +1,79 @@
 //! KHR_lights_punctual.
 
-use glam::DVec3;
+use std::sync::Arc;
+
+use glam::{DMat4, DVec3};
+use serde_json::{Value, json};
 
 use crate::light::{PunctualKind, PunctualLight};
+use crate::photometry::Photometry;
 use crate::quantity::Rgb;
 
 use super::asset::Asset;
-use super::document::Table;
+use super::document::{Entity, Table};
 use super::node::Hierarchy;
 use super::report::Report;
 
 const EXTENSION: &str = "KHR_lights_punctual";
+const EXTRAS: &str = "catoptric";
+
+/// Puts the texts of photometric files into the extras of the lights (or of the lights of the nodes) that they are for.
+pub(super) fn embed_photometry(asset: &mut Asset, photometry: &[(String, String)], report: &Report) {
+    for (name, text) in photometry {
+        let of_node = asset.json.get("nodes").and_then(Value::as_array).and_then(|nodes| {
+            let node = nodes.iter().find(|n| n["name"] == **name && !n["extensions"][EXTENSION].is_null())?;
+            node["extensions"][EXTENSION]["light"].as_u64()
+        });
+        let extension = asset.json.get_mut("extensions").and_then(|e| e.get_mut(EXTENSION));
+        let lights = extension.and_then(|e| e.get_mut("lights")).and_then(Value::as_array_mut);
+        let lights = lights.map_or(&mut [][..], Vec::as_mut_slice);
+        let by_name = lights.iter().position(|light| light["name"] == **name);
+        let chosen = of_node.and_then(|index| usize::try_from(index).ok()).or(by_name);
+        let Some(Value::Object(light)) = chosen.and_then(|index| lights.get_mut(index)) else {
+            let names: Vec<&str> = lights.iter().filter_map(|light| light["name"].as_str()).collect();
+            let found = format!("none; lights: {}", names.join(", "));
+            report.problem(format!("light {name:?}"), "a punctual light of this name", found, "");
+            continue;
+        };
+        let extras = light.entry("extras").or_insert_with(|| json!({}));
+        if !extras.is_object() {
+            *extras = json!({});
+        }
+        extras[EXTRAS] = json!({ "ies": text });
+    }
+}
+
+/// The distribution that extras give a light: `lobe`, an exponent, or `ies`, the text of a photometric file.
+fn distribution(
+    own: &Entity,
+    place: &str,
+    kind: PunctualKind,
+    color: Rgb,
+    intensity: Rgb,
+    world: DMat4,
+    report: &Report,
+) -> Option<(PunctualKind, Rgb)> {
+    if own.raw("lobe").is_some() {
+        let exponent = own.number_or("lobe", 1.0, report);
+        if !(exponent >= 0.0 && exponent.is_finite()) {
+            report.problem(place, "a lobe's exponent of at least 0", exponent, "");
+            return None;
+        }
+        return Some((PunctualKind::Lobe { exponent }, intensity));
+    }
+    let Some(text) = own.string("ies", report) else { return Some((kind, intensity)) };
+    match Photometry::parse(text) {
+        Ok(table) => {
+            let across = world.transform_vector3(DVec3::X).normalize_or(DVec3::X).as_vec3();
+            let intensity = color * table.peak();
+            Some((PunctualKind::Photometric { table: Arc::new(table), across }, intensity))
+        }
+        Err(error) => {
+            report.problem(place, "the text of an IES LM-63 file", error, "");
+            None
+        }
+    }
+}
 
 /// The lights of all visible nodes, in world space.
 pub(super) fn read_lights(asset: &Asset, hierarchy: &Hierarchy, report: &Report) -> Vec<PunctualLight> {
@@ -57,6 +120,14 @@ pub(super) fn read_lights(asset: &Asset, hierarchy: &Hierarchy, report: &Report)
                 report.problem(&place, "type \"point\", \"spot\" or \"directional\"", found, "");
                 continue;
             }
+        };
+        let own = light.object("extras", report).and_then(|extras| extras.object(EXTRAS, report));
+        let (kind, intensity) = match own {
+            Some(own) => match distribution(&own, &place, kind, color, intensity, node.world, report) {
+                Some(distribution) => distribution,
+                None => continue,
+            },
+            None => (kind, intensity),
         };
         if light.raw("range").is_some() {
             report.warn(&place, "its range is ignored: light does not end");

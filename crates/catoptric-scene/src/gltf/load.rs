@@ -9,7 +9,7 @@ use super::asset::Asset;
 use super::camera::{framed_camera, read_cameras};
 use super::clean::{clean, finish_normals};
 use super::document::Table;
-use super::light::read_lights;
+use super::light::{embed_photometry, read_lights};
 use super::material::{default_material, read_materials};
 use super::mesh::MeshReader;
 use super::node::Hierarchy;
@@ -77,7 +77,13 @@ fn read_asset(path: &Path, options: &LoadOptions, report: &Report) -> Option<Ass
     Some(embed::embed(json, bin, &mut Folder::of(path, budget), report))
 }
 
-fn read_scene(asset: Asset, path: &Path, options: &LoadOptions, report: Report) -> Result<Loaded, LoadError> {
+fn read_scene(
+    mut asset: Asset,
+    path: &Path,
+    options: &LoadOptions,
+    report: Report,
+) -> Result<Loaded, LoadError> {
+    embed_photometry(&mut asset, &options.photometry, &report);
     // Materials first: they say which textures are needed.
     let material_count = asset.source().map_or_else(
         || asset.table_len(Table::MATERIALS),

@@ -17,6 +17,8 @@ pub struct LoadOptions {
     pub max_surfaces: usize,
     /// Depth of the node hierarchy.
     pub max_node_depth: usize,
+    /// Texts of photometric files (IES LM-63) by the name of the light or of its node; they become part of the asset.
+    pub photometry: Vec<(String, String)>,
 }
 
 impl Default for LoadOptions {
@@ -29,6 +31,7 @@ impl Default for LoadOptions {
             max_nodes: 1_000_000,
             max_surfaces: 1_000_000,
             max_node_depth: 1_000,
+            photometry: Vec::new(),
         }
     }
 }

@@ -44,10 +44,13 @@ impl Asset {
         let color = if strength > 0.0 { light.intensity / strength } else { Vec3::ONE };
         let mut described = json!({ "name": light.name, "color": color.to_array(), "intensity": strength });
         described["type"] = json!(match light.kind {
-            PunctualKind::Point => "point",
+            PunctualKind::Point | PunctualKind::Lobe { .. } | PunctualKind::Photometric { .. } => "point",
             PunctualKind::Directional => "directional",
             PunctualKind::Spot { .. } => "spot",
         });
+        if let PunctualKind::Lobe { exponent } = light.kind {
+            described["extras"] = json!({ "catoptric": { "lobe": exponent } });
+        }
         if let PunctualKind::Spot { cos_inner, cos_outer } = light.kind {
             let outer = libm::acosf(cos_outer).clamp(1e-3, std::f32::consts::FRAC_PI_2);
             let inner = libm::acosf(cos_inner).clamp(0.0, outer - 1e-4);

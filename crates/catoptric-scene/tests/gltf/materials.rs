@@ -175,12 +175,54 @@ fn lights_stand_and_shine_where_their_nodes_put_them() {
     }
     let scene = builder.load().scene;
     let [point, spot, sun] = scene.lights() else { panic!("three lights") };
-    assert_eq!((point.kind, point.intensity), (PunctualKind::Point, Rgb::new(10.0, 5.0, 0.0)));
+    assert_eq!((&point.kind, point.intensity), (&PunctualKind::Point, Rgb::new(10.0, 5.0, 0.0)));
     assert_eq!(point.position, Vec3::new(1.0, 2.0, 3.0));
     assert!((spot.direction - Vec3::Y).length() < 1e-6, "{}", spot.direction);
     let expected = PunctualKind::Spot { cos_inner: libm::cosf(0.25), cos_outer: libm::cosf(0.5) };
-    assert_eq!((spot.kind, spot.intensity), (expected, Rgb::ONE));
-    assert_eq!((sun.kind, sun.intensity), (PunctualKind::Directional, Rgb::splat(3.0)));
+    assert_eq!((&spot.kind, spot.intensity), (&expected, Rgb::ONE));
+    assert_eq!((&sun.kind, sun.intensity), (&PunctualKind::Directional, Rgb::splat(3.0)));
+}
+
+/// A lamp that is brighter to its C90 side, and to the front than to the side.
+const IES: &str = "IESNA:LM-63-1995\nTILT=NONE\n1 1000 1 2 3 1 2 0 0 0\n1 1 10\n0 90\n0 90 180\n400 100\n400 200\n400 100\n";
+
+#[test]
+fn extras_of_a_light_give_it_a_lobe_or_a_photometric_table() {
+    let mut builder = Builder::new();
+    let lights = json!([
+        { "name": "lobe", "type": "spot", "intensity": 6.0, "extras": { "catoptric": { "lobe": 3.0 } } },
+        { "name": "table", "type": "point", "color": [1.0, 0.5, 0.0], "extras": { "catoptric": { "ies": IES } } },
+        { "name": "plain", "type": "point", "intensity": 5.0 },
+    ]);
+    builder.json.insert("extensions".to_owned(), json!({ "KHR_lights_punctual": { "lights": lights } }));
+    for light in 0..3 {
+        builder.push("nodes", json!({ "name": format!("node {light}"), "extensions": { "KHR_lights_punctual": { "light": light } } }));
+    }
+    let scene = builder.load().scene;
+    let [lobe, table, plain] = scene.lights() else { panic!("three lights") };
+    assert_eq!(lobe.kind, PunctualKind::Lobe { exponent: 3.0 });
+    // Lights shine along -Z; 60 degrees off, the cosine is a half.
+    let slanted = Vec3::new(0.75_f32.sqrt(), 0.0, -0.5);
+    assert!((lobe.intensity_towards(slanted) - Rgb::splat(6.0 / 8.0)).length() < 1e-5);
+    assert_eq!(lobe.intensity_towards(Vec3::Z), Rgb::ZERO);
+    assert!((table.intensity_towards(Vec3::NEG_Z) - Rgb::new(400.0, 200.0, 0.0)).length() < 1e-3);
+    // C0 is the node's +X: 100 cd there, 200 to its side.
+    assert!((table.intensity_towards(Vec3::X) - Rgb::new(100.0, 50.0, 0.0)).length() < 1e-3);
+    assert!((table.intensity_towards(Vec3::Y) - Rgb::new(200.0, 100.0, 0.0)).length() < 1e-3);
+    assert_eq!(table.intensity_towards(Vec3::Z), Rgb::ZERO);
+    assert_eq!(plain.kind, PunctualKind::Point);
+}
+
+#[test]
+fn lobes_and_tables_that_are_broken_are_named() {
+    for (extras, part) in [(json!({ "lobe": -1.0 }), "lobe"), (json!({ "ies": "no table" }), "LM-63")] {
+        let mut builder = Builder::new();
+        let lights = json!([{ "name": "lamp", "type": "point", "extras": { "catoptric": extras } }]);
+        builder.json.insert("extensions".to_owned(), json!({ "KHR_lights_punctual": { "lights": lights } }));
+        builder.push("nodes", json!({ "extensions": { "KHR_lights_punctual": { "light": 0 } } }));
+        let message = builder.try_load().map(|_| ()).expect_err("a broken light").to_string();
+        assert!(message.contains(part), "{message}");
+    }
 }
 
 #[test]
