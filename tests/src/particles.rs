@@ -137,7 +137,10 @@ fn from_area(scenery: &Scenery, random: &mut Random) -> Option<Start> {
     let at = Barycentric { u: root * random.next(), v: 1.0 - root };
     let both = tracer.has_back(triangle);
     let sign = if both && random.next() < 0.5 { -1.0 } else { 1.0 };
-    let direction = random.cosine(scene.geometric_normal(triangle) * sign);
+    // Directions have the density S(θ), so that every particle carries the same power.
+    let axis = scene.geometric_normal(triangle) * sign;
+    let lobe = scene.material_of(triangle).lobe.exponent();
+    let direction = if lobe == 1.0 { random.cosine(axis) } else { random.lobe(axis, lobe) };
     let point = scene.surface_point(triangle, at);
     let sides = if both { 2.0 } else { 1.0 };
     let power = point.emission.0 * (point.opacity * PI * sides / density);

@@ -36,6 +36,11 @@ impl Random {
         self.around(axis, |u| (1.0 - u).sqrt())
     }
 
+    /// A direction about `axis` of density (n+1)/2π · cosⁿθ.
+    pub(crate) fn lobe(&mut self, axis: Vec3, n: f32) -> Vec3 {
+        self.around(axis, |u| libm::powf(1.0 - u, 1.0 / (n + 1.0)))
+    }
+
     fn around(&mut self, axis: Vec3, cos_of: impl Fn(f32) -> f32) -> Vec3 {
         let cos = cos_of(self.next());
         let (sin_phi, cos_phi) = libm::sincosf(2.0 * PI * self.next());

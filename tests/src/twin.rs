@@ -28,7 +28,8 @@ use std::f32::consts::PI;
 use catoptric_scene::light::{PunctualKind, PunctualLight};
 use catoptric_scene::{Barycentric, Camera, Projection, Rgb, TriangleId};
 
-use catoptric_trace::{Event, MediumStack, Ray, Tracer};
+use catoptric_trace::interaction::Interaction;
+use catoptric_trace::{Event, Hit, MediumStack, Ray, Tracer};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -185,7 +186,7 @@ impl<'a> Scenery<'a> {
             let surface = tracer.interact(ray.direction, &hit, media);
 
             // Emission that is met; where next-event estimation finds it too, each has its share.
-            let mut emitted = surface.emission.0;
+            let mut emitted = self.emitted(&hit, &surface, ray.direction);
             if bounces == 0 {
                 emitted += surface.shown.0;
             } else if seen == 0 && self.particles && !way.is_straight() {
@@ -244,6 +245,20 @@ impl<'a> Scenery<'a> {
             }
         }
         shares
+    }
+
+    /// Radiance that a surface emits against `direction`: Φ·S(θ)/(A·cosθ) with S = (n+1)/2π · cosⁿθ.
+    fn emitted(&self, hit: &Hit, surface: &Interaction, direction: Vec3) -> Vec3 {
+        let scene = self.tracer.scene();
+        let material = scene.material_of(hit.triangle);
+        let n = material.lobe.exponent();
+        if n == 1.0 || surface.emission.0 == Rgb::ZERO {
+            return surface.emission.0;
+        }
+        let point = scene.surface_point(hit.triangle, hit.at);
+        let power_per_area = point.emission.0 * (point.opacity * PI);
+        let cos = direction.dot(scene.geometric_normal(hit.triangle)).abs().max(1e-4);
+        power_per_area * ((n + 1.0) / (2.0 * PI) * libm::powf(cos, n) / cos)
     }
 
     /// (n_eye/n_here)², the eye in air.
@@ -318,7 +333,7 @@ impl<'a> Scenery<'a> {
             }
             let surface = self.tracer.interact(ray.direction, &hit, media);
             if target == Some(hit.triangle) {
-                return share * surface.emission.0;
+                return share * self.emitted(&hit, &surface, ray.direction);
             }
             left -= hit.t;
             let passing = surface.branches().iter().filter(|b| b.event == Event::Undeviated);

@@ -9,7 +9,7 @@ use catoptric_image::Image;
 use catoptric_radiosity::{SolveParams, solve};
 use catoptric_render::{RenderParams, render};
 use catoptric_scene::{
-    Camera, Material, Projection, Radiance, Rgb, Scene, SceneParts, Silent, Sky, SkyImage, gltf,
+    Camera, Lobe, Material, Projection, Radiance, Rgb, Scene, SceneParts, Silent, Sky, SkyImage, gltf,
 };
 use catoptric_solution::Quality;
 use catoptric_tests::compare::{Allowance, Mismatch, compare, comparisons};
@@ -170,5 +170,52 @@ fn a_sky_with_a_small_sun_agrees() {
     for layer in ["direct", "mirrored", "indirect"] {
         let index = LAYERS.iter().position(|l| *l == layer).expect("a layer");
         assert_eq!(caught[index], [true; 2], "nobody would notice if `{layer}` were missing or doubled");
+    }
+}
+
+/// A box with a lamp of exponent `n` under its ceiling, a mirror on its left and a ball of glass below the lamp.
+fn under_a_lobe(n: f32) -> Scene {
+    let mut parts = SceneParts::default();
+    let white = parts.add_material(Material::lambertian("white", Rgb::new(0.7, 0.65, 0.6)));
+    let red = parts.add_material(Material::lambertian("red", Rgb::new(0.6, 0.2, 0.15)));
+    let mirror = parts.add_material(Material::mirror("mirror", Rgb::new(0.9, 0.85, 0.8)));
+    let glass = parts.add_material(Material::glass("glass", 1.5));
+    let lobe = Lobe::new(n).expect("a legal exponent");
+    let lamp = Material { lobe, ..Material::emitter("lamp", Radiance(Rgb::new(9.0, 8.0, 6.0))) };
+    let lamp = parts.add_material(lamp);
+    let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+    parts.add_quad("floor", white, Vec3::new(-1.0, 0.0, 1.0), 2.0 * x, -2.0 * z);
+    parts.add_quad("ceiling", white, Vec3::new(-1.0, 2.0, -1.0), 2.0 * x, 2.0 * z);
+    parts.add_quad("back", white, Vec3::new(-1.0, 0.0, -1.0), 2.0 * x, 2.0 * y);
+    parts.add_quad("right", red, Vec3::new(1.0, 0.0, 1.0), 2.0 * y, -2.0 * z);
+    parts.add_quad("left", white, Vec3::new(-1.0, 0.0, -1.0), 2.0 * y, 2.0 * z);
+    parts.add_quad("mirror", mirror, Vec3::new(-0.98, 0.2, -0.6), 1.4 * y, 1.2 * z);
+    // Tilted towards the mirror: a narrow lobe would miss it.
+    parts.add_quad("lamp", lamp, Vec3::new(-0.2, 1.75, -0.25), Vec3::new(0.5, 0.2, 0.0), 0.5 * z);
+    parts.add_sphere("ball", glass, Vec3::new(0.05, 0.5, 0.1), 0.3, 24);
+    let eye = Vec3::new(0.2, 1.0, 3.6);
+    parts.cameras.push(Camera {
+        name: "camera".to_owned(),
+        world_from_camera: Affine3A::from_translation(eye),
+        projection: Projection::Perspective { yfov: 0.75 },
+        aspect: Some(1.0),
+        near: 0.0,
+    });
+    Scene::new(parts).expect("the scene is valid")
+}
+
+#[test]
+fn area_lights_with_a_lobe_agree() {
+    let lobes = [0.5, 8.0];
+    let level = FAMILY / (lobes.len() * comparisons(WIDTH, WIDTH, LAYERS.len())) as f64;
+    for n in lobes {
+        let mut caught: Caught = Default::default();
+        let name = format!("under_a_lobe_{n}");
+        let failures = judge(&name, &under_a_lobe(n), 4 * SAMPLES, level, &mut caught);
+        assert!(failures.is_empty(), "{}", failures.join("\n"));
+        for layer in ["direct", "mirrored", "caustic", "indirect"] {
+            let index = LAYERS.iter().position(|l| *l == layer).expect("a layer");
+            assert_eq!(caught[index], [true; 2], "n = {n}: `{layer}` could be missing or doubled unnoticed");
+        }
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! Source: Lambert 1760; Baum, Rushmeier & Winget 1989, eq. 10: the irradiance at a point by a polygon of unit
 //! radiance is ½ Σ_k γ_k (n · Γ_k), γ_k the angle under which edge k is seen and Γ_k the unit normal of the plane
-//! through the point and the edge. Keys in docs/references.md: Lambert1760, Baum1989.
+//! through the point and the edge. For emitters with a cosine lobe the same by irradiance tensors (Arvo 1995). Keys in
+//! docs/references.md: Lambert1760, Baum1989, Arvo1995.
 
 use glam::DVec3;
 
@@ -142,6 +143,65 @@ pub fn irradiance(point: DVec3, normal: DVec3, polygon: &Polygon) -> f64 {
     (0.5 * sum).abs()
 }
 
+/// Irradiance at `point` by a polygon whose radiance is (n+1)/2 · cosⁿ⁻¹θ about its unit normal `axis`, n = `exponent`: for
+/// n = 1 the same as [`irradiance`].
+///
+/// With u the directions of the polygon A, w = −axis, z = w·u = cosθ and v = `normal` it is (n+1)/2 · ∫_A zⁿ⁻¹ (v·u) dω, a
+/// double-axis moment of Arvo 1995. Its Stokes reduction, m the outward normals of the planes through the point and the edges,
+/// (n+1) ∫ zⁿ⁻¹ (v·u) dω = (n−1)(w·v) ∫ zⁿ⁻² dω − ∮ zⁿ⁻¹ (v·m) ds, leaves an axial moment, which for whole n he brings to
+/// n = 0 or 1 step by step. For any n > 0 the field h(z)·(w − z·u) with h = (zⁿ⁻¹ − 1)/((n−1)(1 − z²)) has the divergence
+/// zⁿ⁻² and is regular at z = 1, so that the whole is one integral along the edges, on which w·m and v·m are constant:
+/// ½ ∮ [ (w·v)(w·m)·(zⁿ⁻¹ − 1)/(1 − z²) − (v·m)·zⁿ⁻¹ ] ds. Gauss's rule finds it.
+pub fn lobed_irradiance(point: DVec3, normal: DVec3, polygon: &Polygon, axis: DVec3, exponent: f64) -> f64 {
+    let above = polygon.clipped(normal, normal.dot(point));
+    if above.is_empty() {
+        return 0.0;
+    }
+    let (w, power) = (-axis, exponent - 1.0);
+    let corners = above.corners();
+    let mut previous = (corners[corners.len() - 1] - point).normalize_or_zero();
+    let mut sum = 0.0;
+    for &corner in corners {
+        let current = (corner - point).normalize_or_zero();
+        let cross = previous.cross(current);
+        let sine = cross.length();
+        if sine > 0.0 {
+            let angle = libm::atan2(sine, previous.dot(current));
+            let inward = cross / sine;
+            let across = inward.cross(previous);
+            // Both integrands change over 1/√n: panels of twice that leave errors of 1e-12.
+            let panels = (0.5 * angle * exponent.max(1.0).sqrt()).ceil().max(1.0);
+            let half = 0.5 * angle / panels;
+            let (mut axial, mut double) = (0.0, 0.0);
+            for panel in 0..panels as u32 {
+                let middle = (f64::from(2 * panel) + 1.0) * half;
+                for (node, weight) in GAUSS {
+                    for place in [middle - node * half, middle + node * half] {
+                        let (sin, cos) = libm::sincos(place);
+                        let u = previous * cos + across * sin;
+                        // 1 − z² without cancellation.
+                        let q = w.cross(u).length_squared();
+                        let raised = power * libm::log(w.dot(u).max(1e-12));
+                        double += weight * libm::exp(raised);
+                        axial += weight * if q > 1e-14 { libm::expm1(raised) / q } else { -0.5 * power };
+                    }
+                }
+            }
+            sum += half * (normal.dot(inward) * double - w.dot(normal) * w.dot(inward) * axial);
+        }
+        previous = current;
+    }
+    (0.5 * sum).abs()
+}
+
+/// Gauss–Legendre rule of eight points on [−1, 1]: places and weights of the positive half.
+const GAUSS: [(f64, f64); 4] = [
+    (0.183_434_642_495_649_8, 0.362_683_783_378_361_98),
+    (0.525_532_409_916_329, 0.313_706_645_877_887_29),
+    (0.796_666_477_413_626_7, 0.222_381_034_453_374_47),
+    (0.960_289_856_497_536_2, 0.101_228_536_290_376_26),
+];
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -177,6 +237,64 @@ mod tests {
         let wall = rectangle(DVec3::new(0.0, distance, -5.0), DVec3::X * width, DVec3::Z * (5.0 + height));
         let ours = irradiance(DVec3::ZERO, DVec3::Z, &wall) / PI;
         assert!((ours / exact - 1.0).abs() < 1e-12, "{ours} {exact}");
+    }
+
+    /// The same integral by midpoints over the area: (n+1)/2 · Σ cosⁿθ·cosθ'/r² dA.
+    fn by_area(point: DVec3, normal: DVec3, [corner, a, b]: [DVec3; 3], exponent: f64) -> f64 {
+        let axis = a.cross(b);
+        let steps = 1000;
+        let mut sum = 0.0;
+        for i in 0..steps {
+            for j in 0..steps {
+                let at = |k: i32| (f64::from(k) + 0.5) / f64::from(steps);
+                let offset = corner + a * at(i) + b * at(j) - point;
+                let r2 = offset.length_squared();
+                let leaves = -axis.dot(offset) / (axis.length() * r2.sqrt());
+                let arrives = normal.dot(offset).max(0.0) / r2.sqrt();
+                sum += libm::pow(leaves, exponent) * arrives / r2;
+            }
+        }
+        0.5 * (exponent + 1.0) * sum * axis.length() / f64::from(steps * steps)
+    }
+
+    #[test]
+    fn a_lobed_rectangle_matches_its_sum_over_the_area() {
+        // Straight below, off the axis, beside it with a tilted receiver that it sets for, close to it.
+        let places = [
+            (DVec3::ZERO, DVec3::Z),
+            (DVec3::new(0.9, -0.4, 0.2), DVec3::Z),
+            (DVec3::new(1.5, 0.3, 0.1), DVec3::new(-0.8, 0.0, 0.6)),
+            (DVec3::new(0.1, 0.2, 0.8), DVec3::new(0.0, 0.6, 0.8)),
+        ];
+        for exponent in [0.3, 0.7, 1.0, 1.8, 2.0, 5.0, 30.0, 400.0] {
+            for (point, normal) in places {
+                // The front looks down.
+                let sides = [DVec3::new(-0.5, -0.4, 1.0), DVec3::Y * 0.8, DVec3::X];
+                let polygon = rectangle(sides[0], sides[1], sides[2]);
+                let ours = lobed_irradiance(point, normal, &polygon, DVec3::NEG_Z, exponent);
+                let sum = by_area(point, normal, sides, exponent);
+                assert!((ours - sum).abs() < 5e-5 * sum + 1e-9, "n = {exponent} at {point}: {ours} {sum}");
+                if exponent == 1.0 {
+                    let lambert = irradiance(point, normal, &polygon);
+                    assert!((ours / lambert - 1.0).abs() < 1e-12, "{ours} {lambert}");
+                }
+            }
+        }
+    }
+
+    /// A lamp that fills the view sends (n+1)/2 · ∫ cosⁿθ dω = π whatever n is, straight below.
+    #[test]
+    fn a_lobed_ceiling_without_end_gives_what_a_diffuse_one_gives() {
+        for exponent in [0.5, 3.0, 50.0, 1000.0] {
+            let wide = 1e6;
+            let polygon =
+                rectangle(DVec3::new(-wide, -wide, 1.0), DVec3::Y * (2.0 * wide), DVec3::X * (2.0 * wide));
+            let ours = lobed_irradiance(DVec3::ZERO, DVec3::Z, &polygon, DVec3::NEG_Z, exponent);
+            assert!(
+                (ours / PI - 1.0).abs() < if exponent < 1.0 { 1e-3 } else { 1e-5 },
+                "n = {exponent}: {ours}"
+            );
+        }
     }
 
     /// Seen through a window in a plane half-way, the part of a screen is twice the window.

@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
-use catoptric_scene::{Barycentric, Radiance, Rgb, Side, Surface, TriangleId};
+use catoptric_scene::{Barycentric, Lobe, Rgb, Side, Surface, TriangleId};
 use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame, triangle_point};
 use catoptric_trace::{PlaneId, Ray, Tracer};
 
-use crate::contour::Polygon;
+use crate::contour::{self, Polygon};
 use crate::light_tree::LightTree;
 
 /// A triangle or parallelogram that emits from one side (two-sided emitters are two cells).
@@ -21,8 +21,10 @@ pub struct Cell {
     pub normal: DVec3,
     /// Area, m².
     pub area: f64,
-    /// Mean radiance.
+    /// Mean over the cell of the power per area over π: radiance, but for the lobe's factor.
     pub radiance: Rgb,
+    /// How it is spread over angles.
+    pub lobe: Lobe,
     /// Radiance varies over the cell.
     pub textured: bool,
     /// Its plane.
@@ -56,7 +58,7 @@ impl Cell {
         self.corner + self.edges[0] * u + self.edges[1] * v
     }
 
-    /// Emitted radiance at a point of the cell.
+    /// Power per area over π at a point of the cell.
     pub fn radiance_at(&self, tracer: &Tracer, point: DVec3) -> Rgb {
         if !self.textured {
             return self.radiance;
@@ -80,6 +82,38 @@ impl Cell {
             let point = scene.surface_point(id, at);
             point.emission.0 * point.opacity
         })
+    }
+
+    /// Irradiance at a point by a part of the cell, by unit [`Cell::radiance`].
+    #[inline]
+    pub fn unit_irradiance(&self, position: DVec3, normal: DVec3, part: &Polygon) -> f64 {
+        if self.lobe.is_diffuse() {
+            contour::irradiance(position, normal, part)
+        } else {
+            contour::lobed_irradiance(position, normal, part, self.normal, f64::from(self.lobe.exponent()))
+        }
+    }
+
+    /// What a narrow lobe leaves of a part of the cell, seen from `position`: all but a border the integrand in
+    /// which, cosⁿ⁺³ over the square of the height, is below 1e-5 of that straight above. Samples of the whole
+    /// would hardly meet the rest.
+    pub(crate) fn lit_part(&self, position: DVec3, part: Polygon) -> Polygon {
+        let cos = libm::pow(1e-5, 1.0 / (f64::from(self.lobe.exponent()) + 3.0));
+        let height = self.normal.dot(position - self.corner);
+        let reach = height * (1.0 - cos * cos).sqrt() / cos;
+        let foot = position - self.normal * height;
+        let along = self.edges[0].normalize_or_zero();
+        let mut left = part;
+        for direction in [along, self.normal.cross(along)] {
+            let at = direction.dot(foot);
+            left = left.clipped(direction, at - reach).clipped(-direction, -at - reach);
+        }
+        if left.is_empty() { part } else { left }
+    }
+
+    /// Bound of the radiance (sum of channels) times the area, grazing angles of lobes below n = 1 aside.
+    pub(crate) fn strength(&self) -> f64 {
+        f64::from(self.radiance.element_sum()) * self.lobe.peak() * self.area
     }
 
     /// Whether a straight line meets the emitting side.
@@ -124,7 +158,7 @@ pub struct Emitters {
     triangles: usize,
 }
 
-/// Cells above this share of the scene's area, and of what its diffuse surfaces see, are broad. Hemisphere rays find them with little noise, and with the
+/// Diffuse cells above this share of the scene's area, and of what its diffuse surfaces see, are broad. Hemisphere rays find them with little noise, and with the
 /// unoccluded irradiance as control variate with none where nothing blocks; shadow rays and images of whole glowing
 /// walls would add the noise that a furnace of mirrors and emitters does not have.
 const BROAD_SHARE: f64 = 0.04;
@@ -185,7 +219,7 @@ impl Emitters {
         let scene = tracer.scene();
         let total: f64 =
             (0..scene.triangles().len()).map(|t| f64::from(scene.area(TriangleId(t as u32)))).sum();
-        let is_large = |c: &Cell| !c.textured && c.area > BROAD_SHARE * total;
+        let is_large = |c: &Cell| !c.textured && c.lobe.is_diffuse() && c.area > BROAD_SHARE * total;
         let large: Vec<usize> = (0..self.cells.len()).filter(|&i| is_large(&self.cells[i])).collect();
         if large.is_empty() || large.len() > MAX_BROAD {
             return;
@@ -282,6 +316,7 @@ impl Emitters {
                 let point = scene.surface_point(triangles[0], Barycentric { u: 1.0 / 3.0, v: 1.0 / 3.0 });
                 point.emission.0 * point.opacity
             },
+            lobe: scene.material_of(triangles[0]).lobe,
             textured,
             plane: tracer.planes().of(triangles[0]),
             side,
@@ -360,14 +395,4 @@ fn parallelogram(tracer: &Tracer, first: TriangleId, second: TriangleId) -> Opti
     let opposite = q[lone_q].as_dvec3();
     let error = (corner + e + f - opposite).length();
     (error < 1e-5 * (e.length() + f.length())).then_some((corner, [e, f]))
-}
-
-/// Radiance that a hit surface emits, as [`catoptric_trace::interaction::Interaction`] reports it, for callers that have
-/// a triangle only.
-pub fn emitted(tracer: &Tracer, triangle: TriangleId, at: Barycentric, side: Side) -> Radiance {
-    if side == Side::Back && !tracer.has_back(triangle) {
-        return Radiance::ZERO;
-    }
-    let point = tracer.scene().surface_point(triangle, at);
-    point.emission * point.opacity
 }

@@ -1,7 +1,8 @@
 //! Irradiance at a point by area emitters and the bright sky: straight, and over image chains.
 //!
 //! Per emitter cell: Lambert's formula on the part above the horizon and inside the mirrors' windows, times the mean
-//! throughput of stratified shadow rays, weighted by the integrand. Unoccluded untextured light is exact.
+//! throughput of stratified shadow rays, weighted by the integrand. Unoccluded untextured light is exact. Cosine lobes
+//! have a contour formula of their own, and their factor is part of the integrand.
 
 use glam::{DVec3, Vec3};
 
@@ -337,9 +338,14 @@ impl<'a> Lights<'a> {
     fn pieces_of(&self, index: u32, image: &Unfolded, windows: &[Window], mut visit: impl FnMut(Piece)) {
         let cell = &self.emitters.cells()[index as usize];
         let mut add = |polygon: Polygon, whole: bool| {
-            let unit = contour::irradiance(image.position, image.normal, &polygon);
+            let unit = cell.unit_irradiance(image.position, image.normal, &polygon);
             if unit > 0.0 {
                 let weight = unit * f64::from(cell.radiance.element_sum());
+                let (polygon, whole) = if cell.lobe.exponent() > 1.0 {
+                    (cell.lit_part(image.position, polygon), false)
+                } else {
+                    (polygon, whole)
+                };
                 visit(Piece { polygon, cell: index, whole, unit, weight });
             }
         };
@@ -417,7 +423,10 @@ impl<'a> Lights<'a> {
             let offset = light - image.position;
             let r2 = offset.length_squared();
             let cos = image.normal.dot(offset);
-            let weight = (cos * -cell.normal.dot(offset)).max(0.0) / (r2 * r2).max(1e-300);
+            let mut weight = (cos * -cell.normal.dot(offset)).max(0.0) / (r2 * r2).max(1e-300);
+            if !cell.lobe.is_diffuse() {
+                weight *= cell.lobe.factor(-cell.normal.dot(offset) / r2.sqrt());
+            }
             if weight <= 0.0 {
                 continue;
             }
@@ -510,7 +519,10 @@ impl<'a> Lights<'a> {
         let other = f64::from(key.point1(number));
         let tree = self.emitters.tree();
         match which {
-            Shared::Piece(piece) => Some((piece.cell, piece.polygon.point(inner, other), known)),
+            Shared::Piece(piece) => {
+                let light = piece.polygon.point(inner, other);
+                Some((piece.cell, light, known * self.relative(piece, image, light)))
+            }
             Shared::Small(group) => {
                 let (index, rest) = tree.choose(group, inner);
                 Some((index, self.emitters.cells()[index as usize].point(rest, other), known))
@@ -531,10 +543,26 @@ impl<'a> Lights<'a> {
                         }
                     });
                 }
-                let light = chosen?.polygon.point(rest, other);
-                Some((index, light, cell.radiance * (total / probability) as f32))
+                let chosen = chosen?;
+                let light = chosen.polygon.point(rest, other);
+                let whole = cell.radiance * (total / probability) as f32;
+                Some((index, light, whole * self.relative(&chosen, image, light)))
             }
         }
+    }
+
+    /// How much of a piece's irradiance a point of it stands for. Small pieces that are diffuse send the same from
+    /// everywhere; a lobe, however small the piece, does not.
+    fn relative(&self, piece: &Piece, image: &Unfolded, light: DVec3) -> f32 {
+        let cell = &self.emitters.cells()[piece.cell as usize];
+        if cell.lobe.is_diffuse() {
+            return 1.0;
+        }
+        let offset = light - image.position;
+        let r2 = offset.length_squared();
+        let leaves = -cell.normal.dot(offset) / r2.sqrt();
+        let sent = leaves * image.normal.dot(offset) / r2.sqrt() / r2 * cell.lobe.factor(leaves);
+        (sent.max(0.0) * piece.polygon.vector_area().length() / piece.unit) as f32
     }
 
     /// Bright texels of the sky, by systematic samples in proportion to what they send.

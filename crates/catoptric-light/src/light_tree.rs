@@ -23,8 +23,10 @@ struct Node {
     /// Axis and cosine of the half-angle of a cone that holds all normals.
     axis: DVec3,
     cos_cone: f64,
-    /// Σ radiance × area over channels, for choices.
+    /// Σ radiance × area over channels, at the lobe's peak, for choices.
     power: f64,
+    /// Some cell is not diffuse: it is no group that is known well.
+    lobed: bool,
     /// Children; none at a leaf, which is one cell.
     children: Option<[u32; 2]>,
     /// First cell.
@@ -175,7 +177,8 @@ impl LightTree {
         let offset = node.center - view.point;
         let distance = offset.length();
         let above = view.geometric.dot(offset) > node.radius;
-        let small = node.radius < GROUP_RATIO * distance && above && self.nodes.len() > 2 * FEW;
+        let small =
+            node.radius < GROUP_RATIO * distance && above && self.nodes.len() > 2 * FEW && !node.lobed;
         if node.children.is_none() {
             let cell = &cells[node.first as usize];
             if cell.normal.dot(view.point - cell.corner) > 0.0 {
@@ -290,11 +293,13 @@ fn build(cells: &[Cell], nodes: &mut Vec<Node>, order: &mut [u32], first: u32) -
         axis: DVec3::Z,
         cos_cone: 1.0,
         power: 0.0,
+        lobed: false,
         children: None,
         first,
     };
     for cell in order.iter().map(of) {
-        let power = f64::from(cell.radiance.element_sum()) * cell.area;
+        let power = cell.strength();
+        node.lobed |= !cell.lobe.is_diffuse();
         node.power += power;
         node.center += cell.centroid() * power;
         for channel in 0..3 {
@@ -361,7 +366,7 @@ fn spread(cells: &[Cell], order: &[u32]) -> f64 {
         let (center, radius) = (cell.centroid(), cell.radius());
         low = low.min(center - radius);
         high = high.max(center + radius);
-        power += f64::from(cell.radiance.element_sum()) * cell.area;
+        power += cell.strength();
         axis += cell.normal * cell.area;
     }
     let axis = axis.normalize_or_zero();

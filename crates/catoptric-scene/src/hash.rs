@@ -149,6 +149,7 @@ impl Feed {
             diffuse_transmission,
             diffuse_transmission_factor,
             emission,
+            lobe,
             emission_texture,
             normal_texture,
             unlit,
@@ -163,6 +164,9 @@ impl Feed {
         self.flag(*transmission_kind == Transmission::Solid);
         self.flag(*unlit);
         [*base_color, *absorption, *diffuse_transmission, emission.0].into_iter().for_each(|v| self.vec3(v));
+        if !lobe.is_diffuse() {
+            self.floats(&[lobe.exponent()]);
+        }
         self.floats(&[*base_alpha, *metallic, *roughness, *specular, *ior, *clearcoat, *transmission]);
         self.floats(&[*diffuse_transmission_factor, normal_texture.map_or(0.0, |(_, scale)| scale)]);
         [
@@ -267,13 +271,14 @@ mod tests {
         assert_eq!(original.to_string().parse(), Ok(original));
         assert_eq!(hash(|parts| parts.name = "other".to_owned()), original);
         assert_eq!(hash(|parts| parts.materials[0].name = "gray".to_owned()), original);
-        let changes: [fn(&mut SceneParts); 8] = [
+        let changes: [fn(&mut SceneParts); 9] = [
             |parts| parts.vertices[0].position.z = 1e-30,
             |parts| parts.vertices[0].uv[1].x = 1.0,
             |parts| parts.triangles[0].vertices = [1, 2, 0],
             |parts| parts.surfaces[0].smooth = true,
             |parts| parts.materials[0].double_sided = true,
             |parts| parts.materials[0].emission = Radiance(Rgb::X),
+            |parts| parts.materials[0].lobe = crate::Lobe::new(2.0).unwrap_or(crate::Lobe::DIFFUSE),
             |parts| parts.materials[0].absorption = Rgb::Z,
             |parts| parts.sky = Some(Sky::Uniform(Radiance(Rgb::ONE))),
         ];
@@ -281,6 +286,6 @@ mod tests {
         hashes.push(original);
         hashes.sort();
         hashes.dedup();
-        assert_eq!(hashes.len(), 9, "every change has its own hash");
+        assert_eq!(hashes.len(), 10, "every change has its own hash");
     }
 }

@@ -3,6 +3,7 @@
 //! A [`Material`] keeps factors and textures; [`Scene::surface_point`](crate::Scene::surface_point)
 //! evaluates them at one point into a [`SurfacePoint`], the only thing that light transport looks at.
 
+use crate::lobe::Lobe;
 use crate::quantity::{Radiance, Rgb};
 use crate::texture::TextureRef;
 
@@ -77,6 +78,8 @@ pub struct Material {
     pub diffuse_transmission_factor: f32,
     /// Emitted radiance factor (emissiveFactor × emissiveStrength).
     pub emission: Radiance,
+    /// How emission is spread over angles.
+    pub lobe: Lobe,
     /// Emission texture (sRGB).
     pub emission_texture: Option<TextureRef>,
     /// Normal map with its scale: used for mirrors' directions at eye hits only.
@@ -121,6 +124,7 @@ impl Material {
             diffuse_transmission: Rgb::ZERO,
             diffuse_transmission_factor: 0.0,
             emission: Radiance::ZERO,
+            lobe: Lobe::DIFFUSE,
             emission_texture: None,
             normal_texture: None,
             unlit: false,
@@ -244,6 +248,7 @@ pub struct SurfacePoint {
     pub ior: f32,
     /// α: the share 1 − α passes undeviated. 1 for opaque and masked materials.
     pub opacity: f32,
-    /// Emitted radiance, front side (and back if doubleSided).
+    /// Emitted power per area over π, front side (and back if doubleSided): the radiance where the material's lobe is
+    /// diffuse, else to be multiplied by [`Lobe::factor`].
     pub emission: Radiance,
 }

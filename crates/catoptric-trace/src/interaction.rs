@@ -100,8 +100,6 @@ pub struct DiffuseSide {
     pub coat: Coat,
     /// α.
     pub opacity: f32,
-    /// Emitted radiance of this side.
-    pub emission: Radiance,
 }
 
 /// The dielectric interfaces over a diffuse side.
@@ -175,7 +173,6 @@ impl Tracer<'_> {
             transmittance: point.diffuse_transmission,
             coat,
             opacity: point.opacity,
-            emission: point.emission * point.opacity,
         })
     }
 
@@ -252,6 +249,10 @@ impl Tracer<'_> {
         // The diffuse side.
         if visible {
             result.emission = point.emission * point.opacity;
+            if !material.lobe.is_diffuse() {
+                let leaves = -direction.dot(geometric);
+                result.emission = result.emission * material.lobe.factor(f64::from(leaves)) as f32;
+            }
             let diffuse = point.diffuse.max_element() > 0.0 || point.diffuse_transmission.max_element() > 0.0;
             if diffuse || material.may_be_diffuse() {
                 result.reflectance = self.effective_reflectance(hit.triangle, &point, &coat);

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec2, Vec3};
 
 use catoptric_light::Lights;
-use catoptric_scene::{PunctualKind, Rgb, Sky};
+use catoptric_scene::{Lobe, PunctualKind, Rgb, Sky};
 use catoptric_trace::sequence::{Key, Purpose, uniform_sphere};
 use catoptric_trace::{MediumId, MediumStack, PlaneId};
 
@@ -21,6 +21,8 @@ pub(super) struct Source {
     /// Cone of the normals of emitting sides.
     axis: Vec3,
     cos_cone: f32,
+    /// Of its emitting sides; diffuse where they differ.
+    lobe: Lobe,
     /// Σ over channels of radiance × area, intensity, or radiance × solid angle.
     strength: f32,
     pub(super) media: MediumStack,
@@ -83,6 +85,11 @@ fn cells(lights: &Lights, targets: &[Target], limit: usize, sources: &mut Vec<So
             radius: radius as f32,
             axis: axis.as_vec3(),
             cos_cone: if axis == DVec3::ZERO { -1.0 } else { cos_cone },
+            lobe: if members.iter().all(|c| c.lobe == members[0].lobe) {
+                members[0].lobe
+            } else {
+                Lobe::DIFFUSE
+            },
             strength: members.iter().map(|c| c.radiance.element_sum() * c.area as f32).sum(),
             media: MediumStack::AIR,
             kind: Kind::Cells { first, table, low: Vec2::ZERO, size: Vec2::ONE },
@@ -127,6 +134,7 @@ fn punctual(lights: &Lights, sources: &mut Vec<Source>) {
             radius: 0.0,
             axis: Vec3::ZERO,
             cos_cone: -1.0,
+            lobe: Lobe::DIFFUSE,
             strength: light.intensity.element_sum(),
             media: MediumStack::AIR,
         });
@@ -159,6 +167,7 @@ fn texels(lights: &Lights, limit: usize, sources: &mut Vec<Source>) {
             radius: if cos <= 0.2 { 2.0 } else { spread },
             axis: Vec3::ZERO,
             cos_cone: -1.0,
+            lobe: Lobe::DIFFUSE,
             strength: members.iter().map(weight).sum(),
             media: MediumStack::AIR,
         });
@@ -204,7 +213,14 @@ impl Source {
                 let sin = (1.0 - cos * cos).max(0.0).sqrt();
                 let sin_cone = (1.0 - self.cos_cone * self.cos_cone).max(0.0).sqrt();
                 let widened = if cos >= self.cos_cone { 1.0 } else { cos * self.cos_cone + sin * sin_cone };
-                (widened + reach / distance).clamp(0.0, 1.0)
+                let cosine = (widened + reach / distance).clamp(0.0, 1.0);
+                // A narrow lobe sees the extents, as chords, in its own way; below n = 1 all directions count alike.
+                if self.lobe.exponent() > 1.0 {
+                    let nearest = f64::from((widened + 1.5 * reach / distance).clamp(0.0, 1.0));
+                    cosine * self.lobe.factor(nearest) as f32
+                } else {
+                    cosine
+                }
             }
         };
         size * there * falloff / (distance * distance)
@@ -235,7 +251,8 @@ impl Source {
                     return None;
                 }
                 let area = cell.area * f64::from(size.x * size.y);
-                let radiance = cell.radiance_at(tracer, origin);
+                let leaves = cell.normal.dot(direction);
+                let radiance = cell.radiance_at(tracer, origin) * cell.lobe.factor(leaves) as f32;
                 let seen = tracer.visibility(origin.as_vec3(), cell.plane, point, plane);
                 let medium = tracer.media().transmittance(self.media.current(), distance as f32);
                 let power = radiance * seen * medium * (sent * area / f64::from(probability)) as f32;

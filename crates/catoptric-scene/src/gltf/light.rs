@@ -15,7 +15,7 @@ use super::node::Hierarchy;
 use super::report::Report;
 
 const EXTENSION: &str = "KHR_lights_punctual";
-const EXTRAS: &str = "catoptric";
+pub(super) const EXTRAS: &str = "catoptric";
 
 /// Puts the texts of photometric files into the extras of the lights (or of the lights of the nodes) that they are for.
 pub(super) fn embed_photometry(asset: &mut Asset, photometry: &[(String, String)], report: &Report) {

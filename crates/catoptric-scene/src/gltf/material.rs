@@ -1,11 +1,13 @@
 //! Materials by the table of the design: what has an ideal counterpart is read as it, the rest is mapped to
 //! the nearest one and said.
 
+use crate::lobe::Lobe;
 use crate::material::{AlphaMode, Material, MaterialReading, SMOOTH_ROUGHNESS, Transmission};
 use crate::quantity::{Radiance, Rgb};
 
 use super::asset::Asset;
 use super::document::{Entity, Table};
+use super::light::EXTRAS;
 use super::report::Report;
 use super::spec_gloss;
 use super::texture::TextureReader;
@@ -269,8 +271,30 @@ fn read_emission<'a>(
         return;
     }
     material.emission = Radiance(emission);
+    read_lobe(material, entity, report);
     if emission.max_element() > 0.0 {
         material.emission_texture = textures.reference(entity, "emissiveTexture");
+    }
+}
+
+/// The distribution that extras give an area light: the exponent `lobe` that punctual lights have, too.
+fn read_lobe(material: &mut Material, entity: &Entity<'_>, report: &Report) {
+    let Some(own) = entity.object("extras", report).and_then(|extras| extras.object(EXTRAS, report)) else {
+        return;
+    };
+    if own.raw("lobe").is_none() {
+        return;
+    }
+    let Some(exponent) = own.number("lobe", report) else { return };
+    match Lobe::new(exponent) {
+        Some(lobe) => material.lobe = lobe,
+        None => {
+            let hint = "1 is diffuse, greater is narrower";
+            report.problem(entity.place(), "an emitter's lobe in (0, 1000]", exponent, hint);
+        }
+    }
+    if !material.emits() {
+        report.warn(entity.place(), "it has a lobe but does not emit");
     }
 }
 
@@ -350,7 +374,10 @@ fn summarise(material: &Material) -> String {
         components.push("clearcoat".to_owned());
     }
     if material.emits() {
-        components.push("emitter".to_owned());
+        components.push(match material.lobe.is_diffuse() {
+            true => "emitter".to_owned(),
+            false => format!("emitter, cosine lobe n = {}", material.lobe.exponent()),
+        });
     }
     match material.alpha_mode {
         AlphaMode::Opaque => {}
