@@ -190,8 +190,8 @@ fn under_a_lobe(n: f32) -> Scene {
     parts.add_quad("right", red, Vec3::new(1.0, 0.0, 1.0), 2.0 * y, -2.0 * z);
     parts.add_quad("left", white, Vec3::new(-1.0, 0.0, -1.0), 2.0 * y, 2.0 * z);
     parts.add_quad("mirror", mirror, Vec3::new(-0.98, 0.2, -0.6), 1.4 * y, 1.2 * z);
-    // Tilted towards the mirror: a narrow lobe would miss it.
-    parts.add_quad("lamp", lamp, Vec3::new(-0.2, 1.75, -0.25), Vec3::new(0.5, 0.2, 0.0), 0.5 * z);
+    // Tilted towards the mirror, which a narrow lobe would miss.
+    parts.add_quad("lamp", lamp, Vec3::new(-0.2, 1.95, -0.25), Vec3::new(0.5, -0.2, 0.0), 0.5 * z);
     parts.add_sphere("ball", glass, Vec3::new(0.05, 0.5, 0.1), 0.3, 24);
     let eye = Vec3::new(0.2, 1.0, 3.6);
     parts.cameras.push(Camera {

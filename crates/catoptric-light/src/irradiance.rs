@@ -105,6 +105,9 @@ const PARTS: usize = 48;
 /// And more the more samples are taken, so that the cut never costs much beside the shadow rays.
 const PARTS_PER_SAMPLE: usize = 2;
 
+/// Places in a small piece of a lobe that are weighed for one shadow ray.
+const PLACES: u32 = 8;
+
 /// Irradiance with what its shadow rays saw.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SourceIrradiance {
@@ -520,8 +523,8 @@ impl<'a> Lights<'a> {
         let tree = self.emitters.tree();
         match which {
             Shared::Piece(piece) => {
-                let light = piece.polygon.point(inner, other);
-                Some((piece.cell, light, known * self.relative(piece, image, light)))
+                let light = self.place(piece, image, (inner, other), key.child(number));
+                Some((piece.cell, light, known))
             }
             Shared::Small(group) => {
                 let (index, rest) = tree.choose(group, inner);
@@ -543,26 +546,37 @@ impl<'a> Lights<'a> {
                         }
                     });
                 }
-                let chosen = chosen?;
-                let light = chosen.polygon.point(rest, other);
-                let whole = cell.radiance * (total / probability) as f32;
-                Some((index, light, whole * self.relative(&chosen, image, light)))
+                let light = self.place(&chosen?, image, (rest, other), key.child(0));
+                Some((index, light, cell.radiance * (total / probability) as f32))
             }
         }
     }
 
-    /// How much of a piece's irradiance a point of it stands for. Small pieces that are diffuse send the same from
-    /// everywhere; a lobe, however small the piece, does not.
-    fn relative(&self, piece: &Piece, image: &Unfolded, light: DVec3) -> f32 {
+    /// A point of a piece for what shares its samples. Small pieces that are diffuse send about the same from
+    /// everywhere; of a lobe, however small the piece, one of some places is taken in proportion to what it sends, so
+    /// that the piece's irradiance is exact where nothing blocks.
+    fn place(&self, piece: &Piece, image: &Unfolded, (u, v): (f64, f64), key: Key) -> DVec3 {
         let cell = &self.emitters.cells()[piece.cell as usize];
+        let mut chosen = piece.polygon.point(u, v);
         if cell.lobe.is_diffuse() {
-            return 1.0;
+            return chosen;
         }
-        let offset = light - image.position;
-        let r2 = offset.length_squared();
-        let leaves = -cell.normal.dot(offset) / r2.sqrt();
-        let sent = leaves * image.normal.dot(offset) / r2.sqrt() / r2 * cell.lobe.factor(leaves);
-        (sent.max(0.0) * piece.polygon.vector_area().length() / piece.unit) as f32
+        let mut total = 0.0;
+        for index in 0..PLACES {
+            // A rank-1 lattice about (u, v).
+            let (s, t) = (u + f64::from(index) / f64::from(PLACES), v + f64::from(index) * 0.375);
+            let light = piece.polygon.point(s.fract(), t.fract());
+            let offset = light - image.position;
+            let r2 = offset.length_squared();
+            let leaves = -cell.normal.dot(offset) / r2.sqrt();
+            let sent = (image.normal.dot(offset) * leaves).max(0.0) / (r2 * r2.sqrt()).max(1e-300);
+            let weight = sent * cell.lobe.factor(leaves);
+            total += weight;
+            if f64::from(key.uniform(index)) * total < weight {
+                chosen = light;
+            }
+        }
+        chosen
     }
 
     /// Bright texels of the sky, by systematic samples in proportion to what they send.

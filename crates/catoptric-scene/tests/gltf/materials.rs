@@ -226,6 +226,29 @@ fn lobes_and_tables_that_are_broken_are_named() {
 }
 
 #[test]
+fn extras_of_an_emissive_material_give_its_light_a_lobe() {
+    let read = |extras: Value| {
+        let mut builder = Builder::new();
+        let (position, indices) = super::support::box_mesh(&mut builder, 3.0, false);
+        let lamp = json!({ "name": "lamp", "emissiveFactor": [1, 1, 1], "extras": extras });
+        let material = builder.push("materials", lamp);
+        let primitive =
+            json!({ "attributes": { "POSITION": position }, "indices": indices, "material": material });
+        builder.show("box", primitive);
+        builder.try_load().map(|loaded| loaded.scene.materials()[0].clone()).map_err(|e| e.to_string())
+    };
+    let lamp = read(json!({ "catoptric": { "lobe": 2.5 } })).expect("a lobe");
+    assert_eq!(lamp.lobe.exponent(), 2.5);
+    assert!(lamp.reading.summary.contains("cosine lobe n = 2.5"), "{}", lamp.reading.summary);
+    assert!(read(json!({ "catoptric": {} })).expect("no lobe").lobe.is_diffuse());
+    for wrong in [json!(0.0), json!(-2), json!(1000.5), json!(1e39), json!("NaN")] {
+        let message = read(json!({ "catoptric": { "lobe": wrong } })).expect_err("a broken lobe");
+        assert!(message.contains("lobe") && message.contains("\"lamp\""), "{wrong}: {message}");
+        assert!(message.contains(".gl"), "the file has a name: {message}");
+    }
+}
+
+#[test]
 fn a_file_without_a_camera_gets_one_that_sees_everything() {
     let mut builder = Builder::new();
     let (position, indices) = super::support::box_mesh(&mut builder, 3.0, false);
