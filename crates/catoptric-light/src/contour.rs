@@ -152,6 +152,7 @@ pub fn irradiance(point: DVec3, normal: DVec3, polygon: &Polygon) -> f64 {
 /// n = 0 or 1 step by step. For any n > 0 the field h(z)·(w − z·u) with h = (zⁿ⁻¹ − 1)/((n−1)(1 − z²)) has the divergence
 /// zⁿ⁻² and is regular at z = 1, so that the whole is one integral along the edges, on which w·m and v·m are constant:
 /// ½ ∮ [ (w·v)(w·m)·(zⁿ⁻¹ − 1)/(1 − z²) − (v·m)·zⁿ⁻¹ ] ds. Gauss's rule finds it.
+#[cold]
 pub fn lobed_irradiance(point: DVec3, normal: DVec3, polygon: &Polygon, axis: DVec3, exponent: f64) -> f64 {
     let above = polygon.clipped(normal, normal.dot(point));
     if above.is_empty() {

@@ -12,7 +12,7 @@ use catoptric_trace::{PlaneId, Tracer, walk};
 
 use crate::chains::{ImageChain, ImageChains, Unfolded};
 use crate::contour::{self, Polygon};
-use crate::emitter::Emitters;
+use crate::emitter::{Cell, Emitters};
 use crate::light_tree::{Cut, Part, Window};
 use crate::receiver::Receiver;
 use crate::sky::BrightSky;
@@ -557,26 +557,11 @@ impl<'a> Lights<'a> {
     /// that the piece's irradiance is exact where nothing blocks.
     fn place(&self, piece: &Piece, image: &Unfolded, (u, v): (f64, f64), key: Key) -> DVec3 {
         let cell = &self.emitters.cells()[piece.cell as usize];
-        let mut chosen = piece.polygon.point(u, v);
         if cell.lobe.is_diffuse() {
-            return chosen;
+            piece.polygon.point(u, v)
+        } else {
+            place_in_lobe(cell, piece, image, (u, v), key)
         }
-        let mut total = 0.0;
-        for index in 0..PLACES {
-            // A rank-1 lattice about (u, v).
-            let (s, t) = (u + f64::from(index) / f64::from(PLACES), v + f64::from(index) * 0.375);
-            let light = piece.polygon.point(s.fract(), t.fract());
-            let offset = light - image.position;
-            let r2 = offset.length_squared();
-            let leaves = -cell.normal.dot(offset) / r2.sqrt();
-            let sent = (image.normal.dot(offset) * leaves).max(0.0) / (r2 * r2.sqrt()).max(1e-300);
-            let weight = sent * cell.lobe.factor(leaves);
-            total += weight;
-            if f64::from(key.uniform(index)) * total < weight {
-                chosen = light;
-            }
-        }
-        chosen
     }
 
     /// Bright texels of the sky, by systematic samples in proportion to what they send.
@@ -632,6 +617,26 @@ impl<'a> Lights<'a> {
         scratch.texels = texels;
         result
     }
+}
+
+#[cold]
+fn place_in_lobe(cell: &Cell, piece: &Piece, image: &Unfolded, (u, v): (f64, f64), key: Key) -> DVec3 {
+    let (mut chosen, mut total) = (piece.polygon.point(u, v), 0.0);
+    for index in 0..PLACES {
+        // A rank-1 lattice about (u, v).
+        let (s, t) = (u + f64::from(index) / f64::from(PLACES), v + f64::from(index) * 0.375);
+        let light = piece.polygon.point(s.fract(), t.fract());
+        let offset = light - image.position;
+        let r2 = offset.length_squared();
+        let leaves = -cell.normal.dot(offset) / r2.sqrt();
+        let sent = (image.normal.dot(offset) * leaves).max(0.0) / (r2 * r2.sqrt()).max(1e-300);
+        let weight = sent * cell.lobe.factor(leaves);
+        total += weight;
+        if f64::from(key.uniform(index)) * total < weight {
+            chosen = light;
+        }
+    }
+    chosen
 }
 
 /// Whether some samples were seen and some not.

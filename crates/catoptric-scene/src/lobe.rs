@@ -40,9 +40,12 @@ impl Lobe {
     /// L(θ)/L = (n+1)/2 · cosⁿ⁻¹θ at the angle of departure. The only place that knows it.
     #[inline]
     pub fn factor(self, cos: f64) -> f64 {
-        if self.is_diffuse() {
-            return 1.0;
-        }
+        if self.is_diffuse() { 1.0 } else { self.shape(cos) }
+    }
+
+    /// Out of line: nearly all emitters are diffuse.
+    #[cold]
+    fn shape(self, cos: f64) -> f64 {
         let exponent = f64::from(self.exponent);
         0.5 * (exponent + 1.0) * libm::pow(cos.clamp(MIN_COS, 1.0), exponent - 1.0)
     }

@@ -249,7 +249,7 @@ impl Tracer<'_> {
         // The diffuse side.
         if visible {
             result.emission = point.emission * point.opacity;
-            if !material.lobe.is_diffuse() {
+            if point.emission != Radiance::ZERO && !material.lobe.is_diffuse() {
                 let leaves = -direction.dot(geometric);
                 result.emission = result.emission * material.lobe.factor(f64::from(leaves)) as f32;
             }
