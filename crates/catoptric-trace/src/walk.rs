@@ -369,7 +369,7 @@ pub mod split {
                 met = true;
             }
             path.throughput *= tracer.media().transmittance(path.media.current(), hit.t);
-            let interaction = tracer.interact(path.ray.direction, &hit, path.media);
+            let interaction = tracer.interact_as_seen(path.ray.direction, &hit, path.media);
             see(Sight::Surface(Arrival {
                 hit: &hit,
                 position,
