@@ -242,6 +242,10 @@ pub fn follow(
     targets: &[Vec3],
     to: PlaneId,
 ) -> Rgb {
+    // What lies in the last mirror's plane has no image in it: the image would be the thing itself.
+    if to != PlaneId::NONE && planes.last() == Some(&to) {
+        return Rgb::ZERO;
+    }
     let mut throughput = Rgb::ONE;
     let mut ray = Ray { origin, direction: Vec3::ZERO, from };
     for (&plane, &target) in planes.iter().zip(targets) {

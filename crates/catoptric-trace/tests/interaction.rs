@@ -247,6 +247,35 @@ fn light_does_not_leak_through_a_table_under_glass() {
     }
 }
 
+/// A coated lamp is a mirror in its own plane, whose image is the lamp itself: light over it would be counted twice. Oblique, so
+/// that points on the lamp are rounded to either side of it.
+#[test]
+fn a_lamp_has_no_image_in_its_own_plane() {
+    let mut parts = SceneParts::default();
+    let coat = Material::lambertian("lamp", Rgb::ONE);
+    let lamp = parts.add_material(Material { roughness: 0.0, specular: 1.0, double_sided: true, ..coat });
+    parts.add_quad(
+        "lamp",
+        lamp,
+        Vec3::new(-1.1, 0.3, -0.9),
+        Vec3::new(0.13, 0.71, 1.9),
+        Vec3::new(1.7, 0.37, -0.2),
+    );
+    let scene = Scene::new(parts).unwrap();
+    let tracer = Tracer::new(&scene);
+    let plane = tracer.planes().of(TriangleId(0));
+    assert!(tracer.plane_has_images(plane));
+    let origin =
+        scene.position(TriangleId(0), Barycentric { u: 0.4, v: 0.2 }) + scene.geometric_normal(TriangleId(0));
+    for i in 0..1000_u32 {
+        let [u, v] = [i % 32, i / 32].map(|k| k as f32 / 64.0);
+        let point = scene.position(TriangleId(0), Barycentric { u, v });
+        let image = tracer.planes().plane(plane).reflect_point(point.as_dvec3()).as_vec3();
+        let seen = walk::follow(&tracer, origin, PlaneId::NONE, &[plane], &[image, point], plane);
+        assert_eq!(seen, Rgb::ZERO, "{point}");
+    }
+}
+
 /// A light behind a mirror is not lit by it: the path must leave the mirror on the side from which it came.
 #[test]
 fn chains_end_in_front_of_their_mirror() {
