@@ -9,6 +9,7 @@ pub mod hash;
 pub mod id;
 pub mod light;
 pub mod material;
+mod normal_map;
 pub mod photometry;
 pub mod progress;
 pub mod quantity;
