@@ -79,7 +79,7 @@ impl ImageChains {
         let lit = |r: &Reflector| {
             far_sources
                 || emitters.cells().len() > MANY_CELLS
-                || emitters.cells().iter().any(|cell| {
+                || emitters.cells().iter().filter(|cell| cell.plane != r.id).any(|cell| {
                     let outline = cell.polygon();
                     let emitting = Aperture { outline, normal: cell.normal, double_sided: false };
                     r.pieces.iter().any(|p| in_front(p, &outline) && in_front(&emitting, &p.outline))
@@ -256,6 +256,8 @@ pub struct Unfolded {
     pub normal: DVec3,
     /// Image of its geometric normal.
     pub geometric: DVec3,
+    /// The last mirror's plane: what emits in it has no image in it.
+    pub last: PlaneId,
 }
 
 impl Unfolded {
@@ -274,7 +276,7 @@ impl ImageChains {
         normal: DVec3,
         geometric: DVec3,
     ) -> Option<Unfolded> {
-        let mut image = Unfolded { position, normal, geometric };
+        let mut image = Unfolded { position, normal, geometric, last: PlaneId::NONE };
         for &index in &chain.reflectors {
             let reflector = &self.reflectors[index];
             let height = |p: &Aperture| p.normal.dot(image.position - p.outline.corners()[0]);
@@ -285,6 +287,7 @@ impl ImageChains {
             image.position = reflector.plane.reflect_point(image.position);
             image.normal = reflector.plane.reflect_vector(image.normal);
             image.geometric = reflector.plane.reflect_vector(image.geometric);
+            image.last = reflector.id;
         }
         Some(image)
     }

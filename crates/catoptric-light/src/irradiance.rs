@@ -183,6 +183,7 @@ impl<'a> Lights<'a> {
             position: receiver.position.as_dvec3(),
             normal: receiver.normal.as_dvec3(),
             geometric: receiver.geometric.as_dvec3(),
+            last: PlaneId::NONE,
         };
         self.over(receiver, None, &image, samples, key, scratch)
     }
@@ -340,6 +341,9 @@ impl<'a> Lights<'a> {
     /// The parts of a cell above the horizon, one for each window that shows some.
     fn pieces_of(&self, index: u32, image: &Unfolded, windows: &[Window], mut visit: impl FnMut(Piece)) {
         let cell = &self.emitters.cells()[index as usize];
+        if cell.plane == image.last {
+            return;
+        }
         let mut add = |polygon: Polygon, whole: bool| {
             let unit = cell.unit_irradiance(image.position, image.normal, &polygon);
             if unit > 0.0 {

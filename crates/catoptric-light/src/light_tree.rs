@@ -23,6 +23,8 @@ struct Node {
     /// Axis and cosine of the half-angle of a cone that holds all normals.
     axis: DVec3,
     cos_cone: f64,
+    /// Its sine.
+    sin_cone: f64,
     /// Σ radiance × area over channels, at the lobe's peak, for choices.
     power: f64,
     /// Some cell is not diffuse: it is no group that is known well.
@@ -169,29 +171,31 @@ impl LightTree {
 
     /// Adds a node to the cut: as a part if that is exact enough, else as a group to be divided.
     fn open(&self, cells: &[Cell], view: &View, index: u32, cut: &mut Cut) {
+        let node = &self.nodes[index as usize];
+        if node.children.is_none() {
+            let cell = &cells[node.first as usize];
+            if cell.normal.dot(view.point - cell.corner) <= 0.0 {
+                return;
+            }
+        }
         let bound = self.bound(index, view);
         if bound <= 0.0 {
             return;
         }
-        let node = &self.nodes[index as usize];
         let offset = node.center - view.point;
         let distance = offset.length();
         let above = view.geometric.dot(offset) > node.radius;
         let small =
             node.radius < GROUP_RATIO * distance && above && self.nodes.len() > 2 * FEW && !node.lobed;
         if node.children.is_none() {
-            let cell = &cells[node.first as usize];
-            if cell.normal.dot(view.point - cell.corner) > 0.0 {
-                let part = if small { Part::Group(index) } else { Part::Cell(node.first) };
-                cut.found.push((node.first, part));
-            }
+            let part = if small { Part::Group(index) } else { Part::Cell(node.first) };
+            cut.found.push((node.first, part));
             return;
         }
         if small && node.cos_cone > GROUP_CONE_COS {
             // Turned towards the receiver as a whole: even the most averted normal sees it.
             let cos = -node.axis.dot(offset) / distance;
-            let sin_cone = (1.0 - node.cos_cone * node.cos_cone).max(0.0).sqrt();
-            if cos > sin_cone + GROUP_RATIO {
+            if cos > node.sin_cone + GROUP_RATIO {
                 cut.found.push((node.first, Part::Group(index)));
                 return;
             }
@@ -217,14 +221,17 @@ impl LightTree {
         }
         let sin = node.radius / distance;
         let size = (sin, (1.0 - sin * sin).max(0.0).sqrt());
-        let cone = ((1.0 - node.cos_cone * node.cos_cone).max(0.0).sqrt(), node.cos_cone);
         let receives = lessened(view.normal.dot(offset) / distance, size);
         // Beyond 90°, cone and size together may reach past the half-turn: take the cone alone as all directions.
-        let emits = if cone.1 <= 0.0 {
-            1.0
-        } else {
-            lessened(lessened(-node.axis.dot(offset) / distance, size), cone)
-        };
+        if node.cos_cone <= 0.0 {
+            return strength * receives.max(0.0);
+        }
+        // Averted by more than size and cone together: most groups of a round lamp, told without a root.
+        let cos = -node.axis.dot(offset) / distance;
+        if cos < 0.0 && cos * cos > (node.sin_cone + sin) * (node.sin_cone + sin) {
+            return 0.0;
+        }
+        let emits = lessened(lessened(cos, size), (node.sin_cone, node.cos_cone));
         strength * receives.max(0.0) * emits.max(0.0)
     }
 
@@ -292,6 +299,7 @@ fn build(cells: &[Cell], nodes: &mut Vec<Node>, order: &mut [u32], first: u32) -
         vectors: [DVec3::ZERO; 3],
         axis: DVec3::Z,
         cos_cone: 1.0,
+        sin_cone: 0.0,
         power: 0.0,
         lobed: false,
         children: None,
@@ -312,6 +320,7 @@ fn build(cells: &[Cell], nodes: &mut Vec<Node>, order: &mut [u32], first: u32) -
         node.radius = node.radius.max((cell.centroid() - node.center).length() + cell.radius());
         node.cos_cone = node.cos_cone.min(cell.normal.dot(node.axis));
     }
+    node.sin_cone = (1.0 - node.cos_cone * node.cos_cone).max(0.0).sqrt();
     nodes.push(node);
     if order.len() > 1 {
         // By place or by normal, whichever gives the tighter halves.

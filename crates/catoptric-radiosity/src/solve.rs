@@ -77,7 +77,7 @@ impl SolveParams {
         let (base_triangles, max_vertices, tolerance, shadow_rays, row_rays, gather_rays, near_rounds) =
             match quality {
                 Quality::Draft => (400, 1_500, 0.06, 16, 64, 48, 1),
-                Quality::Standard => (1_200, 4_000, 0.02, 32, 64, 192, 2),
+                Quality::Standard => (1_200, 4_000, 0.02, 24, 64, 192, 2),
                 Quality::High => (5_000, 60_000, 0.006, 128, 128, 768, 4),
             };
         let inside_rounds = if quality == Quality::Draft { 0 } else { 2 };

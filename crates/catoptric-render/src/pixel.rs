@@ -76,9 +76,10 @@ impl Eye<'_> {
                 let surface = scene.triangles()[hit.triangle.index()].surface.0;
                 let side = if hit.back { -1.0 } else { 1.0 };
                 let point = scene.surface_point(hit.triangle, hit.at);
+                let map = scene.material_of(hit.triangle).normal_texture;
                 first = FirstHit {
                     depth: hit.t,
-                    normal: scene.shading_normal(hit.triangle, hit.at) * side,
+                    normal: scene.bent_normal(hit.triangle, hit.at, map) * side,
                     albedo: point.diffuse + point.mirror,
                     surface: surface + 1,
                     facet: if smooth { 1 << 31 | surface } else { tracer.planes().of(hit.triangle).0 + 1 },
@@ -149,6 +150,11 @@ impl Eye<'_> {
                 let mut receiver = Receiver::on(tracer, arrival.hit.triangle, side, arrival.hit.at);
                 receiver.position = arrival.position;
                 receiver.media = arrival.media;
+                let map = material.normal_texture;
+                if map.is_some() {
+                    let bent = tracer.scene().bent_normal(arrival.hit.triangle, arrival.hit.at, map);
+                    receiver.normal = side.orient(bent);
+                }
                 let punctual = self.lights.punctual(&receiver, scratch);
                 light.add(LightLayer::Direct, through, send * punctual.direct);
                 light.add(LightLayer::Mirrored, through, send * punctual.mirrored);

@@ -152,6 +152,7 @@ impl Feed {
             lobe,
             emission_texture,
             normal_texture,
+            clearcoat_normal_texture,
             unlit,
             reading: _,
         } = material;
@@ -168,7 +169,8 @@ impl Feed {
             self.floats(&[lobe.exponent()]);
         }
         self.floats(&[*base_alpha, *metallic, *roughness, *specular, *ior, *clearcoat, *transmission]);
-        self.floats(&[*diffuse_transmission_factor, normal_texture.map_or(0.0, |(_, scale)| scale)]);
+        let bends = [normal_texture, clearcoat_normal_texture].map(|map| map.map_or(0.0, |(_, scale)| scale));
+        self.floats(&[*diffuse_transmission_factor, bends[0], bends[1]]);
         [
             *base_texture,
             *metallic_roughness_texture,
@@ -177,6 +179,7 @@ impl Feed {
             *transmission_texture,
             *emission_texture,
             normal_texture.map(|(texture, _)| texture),
+            clearcoat_normal_texture.map(|(texture, _)| texture),
         ]
         .into_iter()
         .for_each(|texture| self.texture_ref(texture));

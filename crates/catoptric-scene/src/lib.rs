@@ -10,6 +10,7 @@ pub mod id;
 pub mod light;
 pub mod lobe;
 pub mod material;
+mod normal_map;
 pub mod photometry;
 pub mod progress;
 pub mod quantity;

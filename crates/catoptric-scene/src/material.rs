@@ -82,8 +82,10 @@ pub struct Material {
     pub lobe: Lobe,
     /// Emission texture (sRGB).
     pub emission_texture: Option<TextureRef>,
-    /// Normal map with its scale: used for mirrors' directions at eye hits only.
+    /// Normal map with its scale: for directions and punctual light at eye hits only.
     pub normal_texture: Option<(TextureRef, f32)>,
+    /// The clearcoat's own normal map with its scale.
+    pub clearcoat_normal_texture: Option<(TextureRef, f32)>,
     /// Seen by the eye only (KHR_materials_unlit): its base colour is its radiance.
     pub unlit: bool,
     /// How the file's material was read, for `info`.
@@ -127,6 +129,7 @@ impl Material {
             lobe: Lobe::DIFFUSE,
             emission_texture: None,
             normal_texture: None,
+            clearcoat_normal_texture: None,
             unlit: false,
             reading: MaterialReading { summary: "Lambertian".to_owned(), notes: Vec::new() },
         }
@@ -157,6 +160,11 @@ impl Material {
     /// Whether any point may emit.
     pub fn emits(&self) -> bool {
         self.emission.0.max_element() > 0.0 && !self.unlit
+    }
+
+    /// The normal map of the outermost interface, in whose direction mirrors reflect: a clearcoat has its own, or is even.
+    pub fn outer_normal_texture(&self) -> Option<(TextureRef, f32)> {
+        if self.clearcoat > 0.0 { self.clearcoat_normal_texture } else { self.normal_texture }
     }
 
     /// Whether some point may have a diffuse side (so that it needs patches and display vertices).

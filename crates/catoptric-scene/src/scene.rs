@@ -338,7 +338,8 @@ impl Scene {
         a * (1.0 - at.u - at.v) + b * at.u + c * at.v
     }
 
-    fn lookup(
+    /// A texture at a point.
+    pub(crate) fn lookup(
         &self,
         texture: &TextureRef,
         triangle: TriangleId,

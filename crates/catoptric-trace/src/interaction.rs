@@ -113,6 +113,9 @@ pub struct Coat {
     pub clearcoat: f32,
 }
 
+/// Cosine to the surface of a reflection that a normal map would send below it.
+const GRAZING: f32 = 0.01;
+
 /// Index of refraction of KHR_materials_clearcoat.
 const CLEARCOAT_IOR: f32 = 1.5;
 
@@ -201,10 +204,37 @@ impl Tracer<'_> {
 
     /// What happens to light that travels along `direction` in `media` and meets `hit`.
     pub fn interact(&self, direction: Vec3, hit: &Hit, media: MediumStack) -> Interaction {
+        let side = if hit.back { Side::Back } else { Side::Front };
+        let normal = side.orient(self.scene().shading_normal(hit.triangle, hit.at));
+        self.interact_about(normal, direction, hit, media)
+    }
+
+    /// The same as the eye sees it: normal maps bend what is reflected and refracted. Where they would send a reflection
+    /// below the surface it grazes the surface, since a map has no shape that could hide it.
+    pub fn interact_as_seen(&self, direction: Vec3, hit: &Hit, media: MediumStack) -> Interaction {
+        let scene = self.scene();
+        let Some(map) = scene.material_of(hit.triangle).outer_normal_texture() else {
+            return self.interact(direction, hit, media);
+        };
+        let side = if hit.back { Side::Back } else { Side::Front };
+        let geometric = side.orient(scene.geometric_normal(hit.triangle));
+        let bent = side.orient(scene.bent_normal(hit.triangle, hit.at, Some(map)));
+        let reflected = direction - bent * (2.0 * direction.dot(bent));
+        let below = GRAZING - reflected.dot(geometric);
+        let normal = if below > 0.0 {
+            let lifted = (reflected + geometric * below).normalize_or_zero();
+            (lifted - direction).try_normalize().unwrap_or(geometric)
+        } else {
+            bent
+        };
+        self.interact_about(normal, direction, hit, media)
+    }
+
+    /// The interaction about a unit normal on the side that was hit.
+    fn interact_about(&self, normal: Vec3, direction: Vec3, hit: &Hit, media: MediumStack) -> Interaction {
         let scene = self.scene();
         let side = if hit.back { Side::Back } else { Side::Front };
         let geometric = side.orient(scene.geometric_normal(hit.triangle));
-        let normal = side.orient(scene.shading_normal(hit.triangle, hit.at));
         let nothing = Branch { direction, throughput: Rgb::ZERO, event: Event::Undeviated, media };
         let mut result = Interaction {
             side,
@@ -317,8 +347,8 @@ impl Tracer<'_> {
             let towards = (direction + normal * (2.0 * -direction.dot(normal))).normalize_or_zero();
             if towards.dot(geometric) > 0.0 {
                 let event = match self.image_plane(hit.triangle) {
-                    Some(plane) => Event::Planar(plane),
-                    None => Event::Curved,
+                    Some(plane) if normal == geometric => Event::Planar(plane),
+                    _ => Event::Curved,
                 };
                 result.push(Branch { direction: towards, throughput: reflected, event, media });
             } else {

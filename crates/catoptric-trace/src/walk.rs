@@ -242,6 +242,10 @@ pub fn follow(
     targets: &[Vec3],
     to: PlaneId,
 ) -> Rgb {
+    // What lies in the last mirror's plane has no image in it: the image would be the thing itself.
+    if to != PlaneId::NONE && planes.last() == Some(&to) {
+        return Rgb::ZERO;
+    }
     let mut throughput = Rgb::ONE;
     let mut ray = Ray { origin, direction: Vec3::ZERO, from };
     for (&plane, &target) in planes.iter().zip(targets) {
@@ -369,7 +373,7 @@ pub mod split {
                 met = true;
             }
             path.throughput *= tracer.media().transmittance(path.media.current(), hit.t);
-            let interaction = tracer.interact(path.ray.direction, &hit, path.media);
+            let interaction = tracer.interact_as_seen(path.ray.direction, &hit, path.media);
             see(Sight::Surface(Arrival {
                 hit: &hit,
                 position,

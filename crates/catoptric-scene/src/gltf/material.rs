@@ -4,6 +4,7 @@
 use crate::lobe::Lobe;
 use crate::material::{AlphaMode, Material, MaterialReading, SMOOTH_ROUGHNESS, Transmission};
 use crate::quantity::{Radiance, Rgb};
+use crate::texture::TextureRef;
 
 use super::asset::Asset;
 use super::document::{Entity, Table};
@@ -84,15 +85,27 @@ fn read_material<'a>(entity: &Entity<'a>, textures: &mut TextureReader<'a>, repo
     read_interface(&mut material, entity, textures, &mut notes);
     read_transmission(&mut material, entity, textures, &mut notes);
     read_emission(&mut material, entity, textures, report);
-    if let Some(info) = entity.object("normalTexture", report)
-        && let Some(texture) = textures.reference(entity, "normalTexture")
-    {
-        material.normal_texture = Some((texture, info.number_or("scale", 1.0, report)));
-        notes.note("the normal map bends mirrors and shading at eye hits only");
+    material.normal_texture = normal_map(entity, "normalTexture", textures, report);
+    if material.normal_texture.is_some() {
+        notes.note(
+            "the normal map bends mirrors and the light of punctual lights, for the eye only: irradiance is stored without",
+        );
     }
     note_the_rest(&material, entity, &mut notes);
     material.reading = MaterialReading { summary: summarise(&material), notes: notes.notes };
     material
+}
+
+/// A normal map with its scale.
+fn normal_map<'a>(
+    owner: &Entity<'a>,
+    key: &str,
+    textures: &mut TextureReader<'a>,
+    report: &Report,
+) -> Option<(TextureRef, f32)> {
+    let info = owner.object(key, report)?;
+    let texture = textures.reference(owner, key)?;
+    Some((texture, info.number_or("scale", 1.0, report)))
 }
 
 /// A colour of shares: each in `[0, 1]`, others brought there with a warning.
@@ -194,8 +207,10 @@ fn read_interface<'a>(
             } else if extension.raw("clearcoatRoughnessTexture").is_some() {
                 notes.warn("its clearcoatRoughnessTexture is ignored: the coat is smooth");
             }
-            if extension.raw("clearcoatNormalTexture").is_some() {
-                notes.note("the clearcoat's own normal map is ignored");
+            material.clearcoat_normal_texture =
+                normal_map(&extension, "clearcoatNormalTexture", textures, report);
+            if material.clearcoat > 0.0 && material.clearcoat_normal_texture.is_some() {
+                notes.note("the clearcoat's normal map bends what it mirrors, for the eye only");
             }
         }
     }
