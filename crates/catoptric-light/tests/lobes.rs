@@ -28,13 +28,13 @@ fn irradiance(mut parts: SceneParts, places: &[(Vec3, Vec3)], samples: u32) -> V
     let scrap = TriangleId(scene.triangles().len() as u32 - 1);
     let at = Barycentric { u: 0.3, v: 0.3 };
     let (mut scratch, key) = (Scratch::default(), Key::new(0, Purpose::Emitter, 0));
-    let mut ask = |(index, &(position, normal)): (usize, &(Vec3, Vec3))| {
+    let ask = |(index, &(position, normal)): (usize, &(Vec3, Vec3))| {
         let receiver =
             Receiver { position, normal, geometric: normal, ..Receiver::on(&tracer, scrap, Side::Front, at) };
         let found = lights.direct(&receiver, samples, key.child(index as u32), &mut scratch);
         f64::from(found.irradiance.x)
     };
-    places.iter().enumerate().map(|p| ask(p)).collect()
+    places.iter().enumerate().map(ask).collect()
 }
 
 /// E = Φ·S(θ)·cosθ'/r².
