@@ -206,7 +206,7 @@ fn under_a_lobe(n: f32) -> Scene {
 
 #[test]
 fn area_lights_with_a_lobe_agree() {
-    let lobes = [0.5, 8.0];
+    let lobes = [0.5, 8.0, 50.0];
     let level = FAMILY / (lobes.len() * comparisons(WIDTH, WIDTH, LAYERS.len())) as f64;
     for n in lobes {
         let mut caught: Caught = Default::default();
