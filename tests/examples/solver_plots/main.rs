@@ -1,7 +1,9 @@
 //! Measures every solver and form factor method on a room and on a mirror room and draws the plots of docs/solvers.md.
 //!
-//! `cargo run --release -p catoptric-tests --example solver_plots -- docs/images`
+//! `cargo run --release -p catoptric-tests --example solver_plots -- docs/images`; with `plaid` behind it, only the
+//! picture of the hemicube's error.
 
+mod plaid;
 mod plot;
 
 use std::path::Path;
@@ -32,6 +34,13 @@ type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 fn main() -> Result<(), Failure> {
     let folder = std::env::args().nth(1).ok_or("usage: solver_plots FOLDER")?;
+    let (picture, deviations) = plaid::svg();
+    std::fs::write(Path::new(&folder).join("hemicube-plaid.svg"), picture)?;
+    let [alike, turned] = deviations.map(|d| 100.0 * d);
+    println!("hemicube of {} cells: {alike:.2} % turned alike, {turned:.2} % by chance", plaid::RESOLUTION);
+    if std::env::args().nth(2).is_some_and(|only| only == "plaid") {
+        return Ok(());
+    }
     let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     threads.install(|| -> Result<(), Failure> {
         println!("one thread");
