@@ -87,8 +87,8 @@ impl Obstacles {
             catoptric_scene::Side::Front => 1.0,
             catoptric_scene::Side::Back => -1.0,
         };
-        // No edge is longer than the face.
-        let gap = HANGING * spacing.min(extent(own).length());
+        // What is farther away than the face is large hides little of it.
+        let gap = (HANGING * spacing).min(extent(own).length());
         let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for corner in face.triangles.iter().flat_map(|&t| scene.corners(t)) {
             let corner = corner.as_dvec3();
