@@ -1,12 +1,16 @@
 //! Contact lines: where other surfaces touch or cross a face (Baum et al. 1991). Light and shadow end there, so the
 //! mesh must too, with vertices of its own on each side.
 
+use std::collections::BTreeSet;
+
 use glam::{DVec2, DVec3};
+use rayon::prelude::*;
 
 use catoptric_scene::{Scene, TriangleId};
 use catoptric_trace::BoxTree;
 
 use crate::face::FaceDraft;
+use crate::triangulate::Points;
 
 /// A segment in the plane coordinates of a face.
 pub type Segment = [DVec2; 2];
@@ -36,33 +40,71 @@ impl Obstacles {
         TOUCH * self.reach
     }
 
-    /// The contact lines on a face: every triangle that is not its own and touches or crosses it from the face's side,
-    /// and the outlines of what hangs parallel before it nearer than `gap` (metres), like pictures and mirrors: what is
-    /// behind them is dark, and nobody sees it.
-    pub fn segments(&self, scene: &Scene, face: &FaceDraft, gap: f64) -> Vec<Segment> {
+    /// The contact lines on each face, whose triangles are `flats` in its plane coordinates (none of curved faces). The
+    /// edges of the mesh are about `spacing` metres long.
+    ///
+    /// A face with more of them than are worth their cost has none, but for the largest such faces.
+    pub fn contact_lines(
+        &self,
+        scene: &Scene,
+        faces: &[FaceDraft],
+        flats: &[Vec<[DVec2; 3]>],
+        spacing: f64,
+    ) -> Vec<Vec<Segment>> {
+        let worth: Vec<usize> = flats.iter().map(|own| worthwhile(area(own), spacing)).collect();
+        let find = |index: usize, limit| self.segments(scene, &faces[index], &flats[index], spacing, limit);
+        let mut found: Vec<Option<Vec<Segment>>> =
+            (0..faces.len()).into_par_iter().map(|index| find(index, worth[index])).collect();
+        let mut crowded: Vec<usize> = (0..faces.len()).filter(|&index| found[index].is_none()).collect();
+        crowded.sort_by(|&a, &b| area(&flats[b]).total_cmp(&area(&flats[a])).then(a.cmp(&b)));
+        crowded.truncate(MAX_CROWDED);
+        let more: Vec<Option<Vec<Segment>>> =
+            crowded.par_iter().map(|&index| find(index, MAX_SEGMENTS)).collect();
+        for (index, more) in crowded.into_iter().zip(more) {
+            found[index] = more;
+        }
+        found.into_iter().map(Option::unwrap_or_default).collect()
+    }
+
+    /// The contact lines on a face: every triangle that is not its own and touches or crosses it from the face's side, and
+    /// the outlines of what hangs parallel before it, nearer than a share of the edge length, like pictures and mirrors:
+    /// what is behind them is dark, and nobody sees it. Nothing where there are more than `limit`.
+    fn segments(
+        &self,
+        scene: &Scene,
+        face: &FaceDraft,
+        own: &[[DVec2; 3]],
+        spacing: f64,
+        limit: usize,
+    ) -> Option<Vec<Segment>> {
+        if own.is_empty() {
+            return Some(Vec::new());
+        }
         let tolerance = self.tolerance();
         let frame = &face.frame;
+        // Only what rises on the face's own side casts light or shadow there; coplanar outlines do too.
+        let side = match face.side {
+            catoptric_scene::Side::Front => 1.0,
+            catoptric_scene::Side::Back => -1.0,
+        };
+        // What is farther away than the face is large hides little of it.
+        let gap = (HANGING * spacing).min(extent(own).length());
         let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for corner in face.triangles.iter().flat_map(|&t| scene.corners(t)) {
-            min = min.min(corner.as_dvec3());
-            max = max.max(corner.as_dvec3());
+            let corner = corner.as_dvec3();
+            let before = corner + frame.normal * (side * gap);
+            min = min.min(corner).min(before);
+            max = max.max(corner).max(before);
         }
-        let (min, max) = (min - tolerance.max(gap), max + tolerance.max(gap));
-        let own: Vec<[DVec2; 3]> =
-            face.triangles.iter().map(|&t| scene.corners(t).map(|c| frame.flat(c.as_dvec3()))).collect();
-        let mut segments = Vec::new();
+        let near = self.tree.overlapping_at_most(min - tolerance, max + tolerance, NEAR * limit)?;
+        let mut segments = Distinct::new(tolerance);
         let mut hanging: Vec<[DVec2; 3]> = Vec::new();
-        for id in self.tree.overlapping(min, max).into_iter().map(TriangleId) {
+        for id in near.into_iter().map(TriangleId) {
             if face.triangles.binary_search(&id).is_ok() {
                 continue;
             }
             let corners = scene.corners(id).map(|c| c.as_dvec3());
             let heights = corners.map(|c| frame.height(c));
-            // Only what rises on the face's own side casts light or shadow there; coplanar outlines do too.
-            let side = match face.side {
-                catoptric_scene::Side::Front => 1.0,
-                catoptric_scene::Side::Back => -1.0,
-            };
             let rises = heights.iter().any(|h| h * side > tolerance);
             let flat = heights.iter().all(|h| h.abs() <= tolerance);
             if flat {
@@ -75,10 +117,81 @@ impl Obstacles {
                 segments.push(segment.map(|p| frame.flat(p)));
             }
         }
-        segments.extend(crate::triangulate::outline(&hanging, tolerance));
-        let clipped: Vec<Segment> =
-            segments.iter().flat_map(|s| own.iter().filter_map(|t| clip(s, t, tolerance))).collect();
-        clipped
+        for segment in crate::triangulate::outline(&hanging, tolerance) {
+            segments.push(segment);
+        }
+        // What lies on the face, piece by piece.
+        let level = |p: DVec2| p.extend(0.0);
+        let pieces = BoxTree::new(
+            own.iter().map(|[a, b, c]| [a.min(*b).min(*c), a.max(*b).max(*c)].map(|p| level(p).as_vec3())),
+        );
+        let mut clipped = Distinct::new(tolerance);
+        for segment in &segments.list {
+            let [a, b] = *segment;
+            for piece in pieces.overlapping(level(a.min(b)) - tolerance, level(a.max(b)) + tolerance) {
+                if let Some(part) = clip(segment, &own[piece as usize], tolerance) {
+                    clipped.push(part);
+                }
+            }
+            if clipped.list.len() > limit {
+                return None;
+            }
+        }
+        Some(clipped.list)
+    }
+}
+
+/// What hangs parallel before a face nearer than this share of the edge length leaves its outline there.
+const HANGING: f64 = 0.2;
+
+/// Contact lines on a face for each square of the edge length that it covers, and one more, at most.
+const SEGMENTS_PER_SQUARE: f64 = 100.0;
+/// Faces that may have more, at most.
+const MAX_CROWDED: usize = 100;
+/// Contact lines that those may have, at most: the arrangement looks at each pair.
+const MAX_SEGMENTS: usize = 3000;
+/// Triangles in the box around a face for each contact line that it may have, at most.
+const NEAR: usize = 16;
+
+/// How many contact lines a face is worth. Where it covers n squares of the edge length it has about 2n triangles, and
+/// many times as many contact lines are finer than the mesh shows. As the sum of n over all faces is what the mesh was
+/// asked for, the work is proportional to the number of faces at most, whatever lies on whatever.
+fn worthwhile(area: f64, spacing: f64) -> usize {
+    (SEGMENTS_PER_SQUARE * (1.0 + area / (spacing * spacing))).min(MAX_SEGMENTS as f64) as usize
+}
+
+/// Area of triangles, m².
+fn area(triangles: &[[DVec2; 3]]) -> f64 {
+    triangles.iter().map(|[a, b, c]| 0.5 * (*b - *a).perp_dot(*c - *a).abs()).sum()
+}
+
+/// Size of the box around triangles.
+fn extent(triangles: &[[DVec2; 3]]) -> DVec2 {
+    let (mut min, mut max) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    for p in triangles.iter().flatten() {
+        min = min.min(*p);
+        max = max.max(*p);
+    }
+    max - min
+}
+
+/// Segments, each once: soups hold the same triangle many times.
+struct Distinct {
+    points: Points,
+    known: BTreeSet<(u32, u32)>,
+    list: Vec<Segment>,
+}
+
+impl Distinct {
+    fn new(tolerance: f64) -> Self {
+        Self { points: Points::new(tolerance), known: BTreeSet::new(), list: Vec::new() }
+    }
+
+    fn push(&mut self, segment: Segment) {
+        let [a, b] = segment.map(|p| self.points.id(p));
+        if a != b && self.known.insert((a.min(b), a.max(b))) {
+            self.list.push(segment);
+        }
     }
 }
 

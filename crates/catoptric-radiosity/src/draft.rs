@@ -6,7 +6,8 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use glam::Vec3;
+use glam::{DVec2, Vec3};
+use rayon::prelude::*;
 
 use catoptric_light::Receiver;
 use catoptric_scene::{Barycentric, TriangleId};
@@ -18,7 +19,7 @@ use catoptric_trace::{MediumId, MediumStack, Tracer};
 use crate::contact::Obstacles;
 use crate::face::{FaceDraft, faces};
 use crate::media::find_media;
-use crate::triangulate::triangulate;
+use crate::triangulate::{FlatMesh, distinct, triangulate};
 
 /// A vertex under refinement.
 #[derive(Clone, Copy, Debug)]
@@ -92,9 +93,6 @@ pub struct Displayed {
 /// rounding at any scale, below what a pixel shows.
 const INSET: f32 = 0.01;
 
-/// What hangs parallel before a face nearer than this share of the edge length leaves its outline there.
-const HANGING: f64 = 0.2;
-
 /// Key of an edge.
 #[inline]
 fn edge(a: u32, b: u32) -> (u32, u32) {
@@ -111,24 +109,23 @@ impl Draft {
         let tolerance = obstacles.tolerance();
 
         let drafts = std::mem::take(&mut draft.faces);
-        let flat_meshes: Vec<_> = {
-            use rayon::prelude::*;
-            drafts
-                .par_iter()
-                .map(|face| {
-                    if face.curved {
-                        return None;
-                    }
-                    let triangles: Vec<_> = face
-                        .triangles
-                        .iter()
-                        .map(|&t| scene.corners(t).map(|c| face.frame.flat(c.as_dvec3())))
-                        .collect();
-                    let contacts = obstacles.segments(scene, face, HANGING * f64::from(spacing));
-                    Some(triangulate(&triangles, &contacts, f64::from(spacing), tolerance))
-                })
-                .collect()
-        };
+        let flats: Vec<Vec<[DVec2; 3]>> = drafts
+            .par_iter()
+            .map(|face| {
+                let own: &[TriangleId] = if face.curved { &[] } else { &face.triangles };
+                let flat = |t: &TriangleId| scene.corners(*t).map(|c| face.frame.flat(c.as_dvec3()));
+                distinct(own.iter().map(flat).collect(), tolerance)
+            })
+            .collect();
+        let spacing_in_f64 = f64::from(spacing);
+        let contacts = obstacles.contact_lines(scene, &drafts, &flats, spacing_in_f64);
+        let flat_meshes: Vec<Option<FlatMesh>> = drafts
+            .par_iter()
+            .zip(flats.par_iter().zip(&contacts))
+            .map(|(face, (flat, contacts))| {
+                (!face.curved).then(|| triangulate(flat, contacts, spacing_in_f64, tolerance))
+            })
+            .collect();
         draft.faces = drafts;
         let mut welded: BTreeMap<[u32; 7], u32> = BTreeMap::new();
         for index in 0..draft.faces.len() {
@@ -166,7 +163,7 @@ impl Draft {
         draft
     }
 
-    fn push_flat(&mut self, tracer: &Tracer, face: usize, mesh: &crate::triangulate::FlatMesh) {
+    fn push_flat(&mut self, tracer: &Tracer, face: usize, mesh: &FlatMesh) {
         let first = self.vertices.len() as u32;
         let draft = &self.faces[face];
         let normal = draft.side.orient(draft.frame.normal.as_vec3());

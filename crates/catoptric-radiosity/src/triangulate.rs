@@ -28,15 +28,22 @@ impl HasPosition for Site {
     }
 }
 
-/// Above this many segments the arrangement would cost more than the picture gains: contact lines are left out.
+/// Segments of outline and contact lines above which the arrangement, which looks at each pair, would cost more than the
+/// picture gains: contact lines are left out.
 const MAX_SEGMENTS: usize = 3000;
+/// … and points where they meet, for each of them: finer than any mesh shows.
+const MEETINGS_PER_SEGMENT: usize = 30;
 
 /// Triangulates the union of `triangles` with the contact lines `contacts`, edges about `spacing` long (metres).
 /// Points closer than `tolerance` are one.
 pub fn triangulate(triangles: &[[DVec2; 3]], contacts: &[Segment], spacing: f64, tolerance: f64) -> FlatMesh {
     let outline = outline(triangles, tolerance);
     let contacts = if contacts.len() + outline.len() > MAX_SEGMENTS { &[] } else { contacts };
-    let arrangement = Arrangement::new(&outline, contacts, spacing, tolerance);
+    let Some(arrangement) = Arrangement::new(&outline, contacts, spacing, tolerance)
+        .or_else(|| Arrangement::new(&outline, &[], spacing, tolerance))
+    else {
+        return plain(triangles);
+    };
     let mut sites: Vec<DVec2> = arrangement.points.clone();
     lattice(triangles, &arrangement, spacing, &mut sites);
 
@@ -151,6 +158,18 @@ impl Corners {
     }
 }
 
+/// Triangles without those that have the same corners as one before: an outline does not see what lies twice.
+pub(crate) fn distinct(mut triangles: Vec<[DVec2; 3]>, tolerance: f64) -> Vec<[DVec2; 3]> {
+    let mut points = Points::new(tolerance);
+    let mut known = std::collections::BTreeSet::new();
+    triangles.retain(|triangle| {
+        let mut ids = triangle.map(|p| points.id(p));
+        ids.sort_unstable();
+        known.insert(ids)
+    });
+    triangles
+}
+
 /// Edges that only one triangle of the face has.
 pub(crate) fn outline(triangles: &[[DVec2; 3]], tolerance: f64) -> Vec<Segment> {
     let mut points = Points::new(tolerance);
@@ -172,23 +191,25 @@ pub(crate) fn outline(triangles: &[[DVec2; 3]], tolerance: f64) -> Vec<Segment> 
 }
 
 /// Points, welded by distance.
-struct Points {
+pub(crate) struct Points {
     list: Vec<DVec2>,
     cells: std::collections::HashMap<(i64, i64), Vec<u32>>,
     tolerance: f64,
 }
 
 impl Points {
-    fn new(tolerance: f64) -> Self {
+    pub(crate) fn new(tolerance: f64) -> Self {
         Self { list: Vec::new(), cells: std::collections::HashMap::new(), tolerance }
     }
 
-    fn id(&mut self, point: DVec2) -> u32 {
+    pub(crate) fn id(&mut self, point: DVec2) -> u32 {
         let size = 2.0 * self.tolerance;
-        let cell = ((point.x / size).floor() as i64, (point.y / size).floor() as i64);
-        for dy in -1..=1 {
-            for dx in -1..=1 {
-                for &id in self.cells.get(&(cell.0 + dx, cell.1 + dy)).map_or(&[][..], Vec::as_slice) {
+        let cell_of = |p: DVec2| ((p.x / size).floor() as i64, (p.y / size).floor() as i64);
+        let (low, cell, high) =
+            (cell_of(point - self.tolerance), cell_of(point), cell_of(point + self.tolerance));
+        for y in low.1..=high.1 {
+            for x in low.0..=high.0 {
+                for &id in self.cells.get(&(x, y)).map_or(&[][..], Vec::as_slice) {
                     if (self.list[id as usize] - point).length() <= self.tolerance {
                         return id;
                     }
@@ -216,15 +237,20 @@ struct Arrangement {
 }
 
 impl Arrangement {
-    fn new(outline: &[Segment], contacts: &[Segment], spacing: f64, tolerance: f64) -> Self {
+    /// Nothing where they meet too often.
+    fn new(outline: &[Segment], contacts: &[Segment], spacing: f64, tolerance: f64) -> Option<Self> {
         let mut points = Points::new(tolerance);
         let segments: Vec<(Segment, bool)> =
             outline.iter().map(|s| (*s, false)).chain(contacts.iter().map(|s| (*s, true))).collect();
         // Parameters at which each segment is split.
         let mut splits: Vec<Vec<f64>> = segments.iter().map(|_| vec![0.0, 1.0]).collect();
+        let mut meetings = 0;
         for i in 0..segments.len() {
             for j in i + 1..segments.len() {
-                meet(&segments, i, j, tolerance, &mut splits);
+                meetings += usize::from(meet(&segments, i, j, tolerance, &mut splits));
+            }
+            if meetings > MEETINGS_PER_SEGMENT * segments.len() {
+                return None;
             }
         }
         let mut known = std::collections::BTreeMap::new();
@@ -256,16 +282,16 @@ impl Arrangement {
         }
         let edges =
             known.into_iter().map(|((a, b), contact)| ArrangedEdge { ends: [a, b], contact }).collect();
-        Self { points: points.list, edges }
+        Some(Self { points: points.list, edges })
     }
 }
 
-/// Splits two segments where they cross, and each where an end of the other lies on it.
-fn meet(segments: &[(Segment, bool)], i: usize, j: usize, tolerance: f64, splits: &mut [Vec<f64>]) {
+/// Splits two segments where they cross, and each where an end of the other lies on it; says whether they meet.
+fn meet(segments: &[(Segment, bool)], i: usize, j: usize, tolerance: f64, splits: &mut [Vec<f64>]) -> bool {
     let ([a, b], [c, d]) = (segments[i].0, segments[j].0);
     let apart = a.max(b).cmplt(c.min(d) - tolerance).any() || c.max(d).cmplt(a.min(b) - tolerance).any();
     if apart {
-        return;
+        return false;
     }
     let on = |p: DVec2, from: DVec2, to: DVec2| {
         let edge = to - from;
@@ -281,19 +307,21 @@ fn meet(segments: &[(Segment, bool)], i: usize, j: usize, tolerance: f64, splits
         }
     }
     if touches {
-        return;
+        return true;
     }
     let (e, f) = (b - a, d - c);
     let denominator = e.perp_dot(f);
     if denominator == 0.0 {
-        return;
+        return false;
     }
     let t = (c - a).perp_dot(f) / denominator;
     let s = (c - a).perp_dot(e) / denominator;
-    if (0.0..=1.0).contains(&t) && (0.0..=1.0).contains(&s) {
+    let cross = (0.0..=1.0).contains(&t) && (0.0..=1.0).contains(&s);
+    if cross {
         splits[i].push(t);
         splits[j].push(s);
     }
+    cross
 }
 
 /// Points in the union of the face's triangles.

@@ -33,6 +33,11 @@ impl BoxTree {
 
     /// The boxes that overlap or touch a box, ascending. Some that nearly touch may be among them.
     pub fn overlapping(&self, min: DVec3, max: DVec3) -> Vec<u32> {
+        self.overlapping_at_most(min, max, usize::MAX).unwrap_or_default()
+    }
+
+    /// The boxes that overlap or touch a box, ascending, or `None` where there are more than `limit`.
+    pub fn overlapping_at_most(&self, min: DVec3, max: DVec3, limit: usize) -> Option<Vec<u32>> {
         // Rounding to f32 must not lose a box that touches.
         let margin = self.reach * f32::EPSILON;
         let query = Aabb::new((min.as_vec3() - margin).into(), (max.as_vec3() + margin).into());
@@ -41,10 +46,10 @@ impl BoxTree {
             let node = &tree.nodes[node as usize];
             let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
             found.extend(&tree.primitive_indices[range]);
-            true
+            found.len() <= limit
         });
         found.sort_unstable();
-        found
+        (found.len() <= limit).then_some(found)
     }
 }
 
@@ -73,6 +78,9 @@ mod tests {
                 let touches = |b: &[Vec3; 2]| b[0].cmple(max).all() && b[1].cmpge(min).all();
                 let expected: Vec<u32> = (0..count).filter(|&i| touches(&boxes[i as usize])).collect();
                 let mut found = tree.overlapping(min.as_dvec3(), max.as_dvec3());
+                let at_most = |limit| tree.overlapping_at_most(min.as_dvec3(), max.as_dvec3(), limit);
+                assert_eq!(at_most(found.len()).as_ref(), Some(&found));
+                assert!(found.is_empty() || at_most(found.len() - 1).is_none());
                 found.retain(|&i| touches(&boxes[i as usize]));
                 assert_eq!(found, expected);
             }
