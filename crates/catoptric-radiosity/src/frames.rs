@@ -5,8 +5,8 @@ use catoptric_solution::{DisplayMesh, Solution, Term};
 
 use crate::coarse::Frame;
 use crate::draft::{Displayed, Draft};
+use crate::final_gather::spread;
 use crate::patch::PatchMesh;
-use crate::solve::spread;
 
 /// Frames on one mesh. What sources send is the same in all of them; what has been reflected grows.
 #[derive(Clone, Debug)]

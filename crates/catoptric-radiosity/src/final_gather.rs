@@ -1,0 +1,423 @@
+//! The final gather: light that other diffuse surfaces send, at the vertices and inside the elements of a mesh, fitted, and
+//! corrected by what it found beyond what it saw.
+
+use rayon::prelude::*;
+
+use catoptric_light::{Lights, Receiver};
+use catoptric_scene::{Cancelled, Progress, Rgb};
+use catoptric_trace::sequence::{Key, Purpose, triangle_point};
+
+use crate::draft::{Displayed, Draft};
+use crate::fit::{FitParams, FitSample, fit};
+use crate::gather::{DiffuseLight, Gathered, gather};
+use crate::patch::PatchMesh;
+use crate::rows::Row;
+use crate::sharing::Sharing;
+use crate::solve::SolveParams;
+use crate::solver::{SolverParams, spread_error};
+
+/// Patch values at the vertices of the draft: means over the base triangles around, then along the hierarchy.
+pub(crate) fn spread(draft: &Draft, patches: &PatchMesh, values: &[Rgb]) -> Vec<Rgb> {
+    let mut sums = vec![(Rgb::ZERO, 0.0_f32); draft.vertices.len()];
+    for (root, corners) in draft.base.iter().enumerate() {
+        let patch = patches.of_root[root].0 as usize;
+        for &v in corners {
+            sums[v as usize].0 += values[patch];
+            sums[v as usize].1 += 1.0;
+        }
+    }
+    let mut result: Vec<Rgb> = Vec::with_capacity(sums.len());
+    for (index, (sum, count)) in sums.iter().enumerate() {
+        let value = if *count > 0.0 {
+            *sum / *count
+        } else {
+            draft.vertices[index]
+                .parents
+                .map_or(Rgb::ZERO, |[a, b]| (result[a as usize] + result[b as usize]) * 0.5)
+        };
+        result.push(value);
+    }
+    result
+}
+
+/// Share of the prior that hidden vertices keep, so that the fit stays regular where everything is hidden.
+pub(crate) const HIDDEN_TRUST: f32 = 1e-3;
+/// Rays of a gather at a vertex, at least.
+const MIN_VERTEX_RAYS: u32 = 16;
+
+/// Rays of each vertex, and how much the fit trusts them. Where the author's tessellation is finer than the base mesh,
+/// vertices share their neighbours' rays: they get them in proportion to the area around, and count by the rays per area
+/// that they have seen, compared with the samples inside. Vertices of refined triangles stand near other surfaces, where
+/// light bends: they only hold the fit.
+fn vertex_budgets(
+    draft: &Draft,
+    displayed: &Displayed,
+    hidden: &[bool],
+    params: &SolveParams,
+    whole: f32,
+) -> (Vec<u32>, Vec<f32>) {
+    let mesh = &displayed.mesh;
+    let mut area = vec![0.0_f32; mesh.vertices.len()];
+    let mut refined = vec![false; mesh.vertices.len()];
+    for element in 0..mesh.elements.len() {
+        let third = mesh.area(element as u32) / 3.0;
+        let level = draft.leaves[displayed.leaves[element] as usize].level;
+        for v in mesh.elements[element].vertices {
+            area[v as usize] += third;
+            refined[v as usize] |= level > 0;
+        }
+    }
+    let inside = params.gather_points * params.gather_rays as f32 / whole;
+    (0..mesh.vertices.len())
+        .map(|v| {
+            let share = if refined[v] { 1.0 } else { (area[v] / (0.25 * whole)).min(1.0) };
+            let least = MIN_VERTEX_RAYS.min(params.vertex_rays);
+            let rays = ((params.vertex_rays as f32 * share) as u32).clamp(least, params.vertex_rays);
+            let density = rays as f32 / area[v].max(f32::MIN_POSITIVE);
+            let trust = if hidden[displayed.origin[v] as usize] {
+                HIDDEN_TRUST
+            } else if refined[v] {
+                1.0
+            } else {
+                (density / inside).clamp(1.0, 40.0)
+            };
+            (rays, trust)
+        })
+        .unzip()
+}
+
+/// Points around a vertex at which it gathers.
+const POINTS_AROUND: u32 = 4;
+
+/// The elements around each vertex of a display mesh.
+///
+/// A vertex that gathers at its own place sees the darkest of a corner, and a face with nothing but corners would be dark
+/// all over. Points spread with the density of its hat function give the mean that the hat stands for: the integral of
+/// the light is kept.
+struct Hats {
+    /// Per draft vertex: where its elements start in `elements`.
+    first: Vec<u32>,
+    elements: Vec<u32>,
+}
+
+impl Hats {
+    fn new(displayed: &Displayed, vertices: usize) -> Self {
+        let corners = |e: &catoptric_solution::Element| e.vertices.map(|v| displayed.origin[v as usize]);
+        let mut first = vec![0_u32; vertices + 1];
+        for v in displayed.mesh.elements.iter().flat_map(corners) {
+            first[v as usize + 1] += 1;
+        }
+        for v in 0..vertices {
+            first[v + 1] += first[v];
+        }
+        let mut next = first.clone();
+        let mut elements = vec![0; first[vertices] as usize];
+        for (index, element) in displayed.mesh.elements.iter().enumerate() {
+            for v in corners(element) {
+                elements[next[v as usize] as usize] = index as u32;
+                next[v as usize] += 1;
+            }
+        }
+        Self { first, elements }
+    }
+
+    /// A point around a draft vertex: its element and weights there. `None` where no element touches it.
+    fn point(&self, displayed: &Displayed, vertex: u32, key: Key, index: u32) -> Option<(u32, [f32; 3])> {
+        let mesh = &displayed.mesh;
+        let [start, end] = [0, 1].map(|k| self.first[vertex as usize + k] as usize);
+        let around = &self.elements[start..end];
+        let total: f32 = around.iter().map(|&e| mesh.area(e)).sum();
+        let at = key.point2(index);
+        let mut left = (index as f32 + key.child(1).uniform(index)) / POINTS_AROUND as f32 * total;
+        let mut chosen = *around.last()?;
+        for &element in around {
+            left -= mesh.area(element);
+            if left < 0.0 {
+                chosen = element;
+                break;
+            }
+        }
+        // The weight of the vertex has the density 6w(1 − w): the middle of three uniform numbers. The rest is uniform.
+        let third = key.child(2).uniform(index);
+        let [x, y] = [at.x, at.y];
+        let own = x.min(y).max(x.max(y).min(third));
+        let share = key.child(3).uniform(index);
+        let others = [(1.0 - own) * share, (1.0 - own) * (1.0 - share)];
+        let corners = mesh.elements[chosen as usize].vertices;
+        let place = corners.iter().position(|&v| displayed.origin[v as usize] == vertex)?;
+        let mut weights = [0.0; 3];
+        weights[place] = own;
+        weights[(place + 1) % 3] = others[0];
+        weights[(place + 2) % 3] = others[1];
+        Some((chosen, weights))
+    }
+}
+
+/// Gathered light at the vertices of the mesh of the gathers.
+pub(crate) struct GatheredLight {
+    /// Direct, mirrored, caustic and indirect per draft vertex; `None` where no element touches it.
+    pub(crate) terms: Vec<Option<[Rgb; 4]>>,
+    /// Hemisphere rays sent.
+    pub(crate) rays: u64,
+}
+
+/// What gathers look at: the refined mesh with the light of sources on it.
+pub(crate) struct Sight<'a> {
+    pub(crate) displayed: &'a Displayed,
+    pub(crate) draft: &'a Draft,
+    pub(crate) sources: &'a [Rgb],
+}
+
+impl Sight<'_> {
+    /// Irradiance per vertex of the display mesh when `more` (per draft vertex) comes to what sources send.
+    fn with(&self, more: &[Rgb]) -> Vec<Rgb> {
+        self.displayed.origin.iter().map(|&v| self.sources[v as usize] + more[v as usize]).collect()
+    }
+
+    /// Values known at some vertices, at all: children are the mean of their parents.
+    fn spread(&self, known: &[Option<Rgb>]) -> Vec<Rgb> {
+        let mut all: Vec<Rgb> = Vec::with_capacity(self.draft.vertices.len());
+        for (index, vertex) in self.draft.vertices.iter().enumerate() {
+            let own = known.get(index).copied().flatten();
+            all.push(own.unwrap_or_else(|| {
+                vertex.parents.map_or(Rgb::ZERO, |[a, b]| (all[a as usize] + all[b as usize]) * 0.5)
+            }));
+        }
+        all
+    }
+}
+
+/// The coarse solution and what it takes to correct it.
+pub(crate) struct Coarse<'a> {
+    pub(crate) patches: &'a PatchMesh,
+    pub(crate) rows: &'a [Row],
+    pub(crate) indirect: &'a [Rgb],
+}
+
+impl Coarse<'_> {
+    /// What becomes, per patch, of light of which the vertices of `draft` hold too little.
+    fn onward(&self, draft: &Draft, lack: &[Rgb], solver: &SolverParams) -> Vec<Rgb> {
+        let mut mean = vec![Rgb::ZERO; self.patches.len()];
+        for leaf in &draft.leaves {
+            let patch = self.patches.of_root[leaf.root as usize].0 as usize;
+            let share = draft.area(leaf) / self.patches.areas[patch].max(f32::MIN_POSITIVE);
+            mean[patch] += leaf.vertices.iter().map(|&v| lack[v as usize]).sum::<Rgb>() * (share / 3.0);
+        }
+        spread_error(self.patches, self.rows, &mean, solver).indirect
+    }
+}
+
+/// Hidden corners of elements that can be seen in part show what their neighbours found: nobody sees the dark behind them.
+fn beside_hidden(draft: &Draft, known: &mut [Option<Rgb>]) {
+    let mut sums = vec![(Rgb::ZERO, 0.0_f32); known.len()];
+    for leaf in &draft.leaves {
+        for &v in &leaf.vertices {
+            for value in leaf.vertices.iter().filter_map(|&corner| known[corner as usize]) {
+                sums[v as usize].0 += value;
+                sums[v as usize].1 += 1.0;
+            }
+        }
+    }
+    for (known, (sum, count)) in known.iter_mut().zip(sums) {
+        if known.is_none() && count > 0.0 {
+            *known = Some(sum / count);
+        }
+    }
+}
+
+/// Gathers at the vertices and inside the elements of `draft`, and fits.
+///
+/// Three bounces of refinement for one: the vertices, with few rays, see the coarse solution; the points inside, with many,
+/// see what the vertices found; and what they found beyond what they saw is reflected on over the coarse patches
+/// (Lischinski, Tampieri & Greenberg 1993 gather once, from the coarse solution).
+pub(crate) fn final_gather(
+    lights: &Lights,
+    sight: &Sight,
+    coarse: &Coarse,
+    draft: &Draft,
+    hidden: &[bool],
+    sharing: &Sharing,
+    params: &SolveParams,
+    spacing: f32,
+    progress: &dyn Progress,
+) -> Result<GatheredLight, Cancelled> {
+    let tracer = lights.tracer();
+    let displayed = draft.display(tracer);
+    let mesh = &displayed.mesh;
+    let whole = 0.5 * spacing * spacing;
+    let samples: Vec<FitSample> = (0..mesh.elements.len() as u32)
+        .flat_map(|element| {
+            let area = mesh.area(element);
+            let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(element) | 1 << 42);
+            // Refined elements are small because surfaces are near: they get one at least every other time.
+            let refined = draft.leaves[displayed.leaves[element as usize] as usize].level > 0;
+            let floor = if refined { 0.5 } else { 0.0 };
+            let corners = mesh.elements[element as usize].vertices;
+            let covered = corners.iter().map(|&v| displayed.origin[v as usize]).all(|v| hidden[v as usize])
+                || corners.iter().all(|&v| sharing.shares(displayed.origin[v as usize]));
+            let expected =
+                if covered { 0.0 } else { (params.gather_points * (area / whole).min(1.0)).max(floor) };
+            let count = (expected + key.uniform(0)).floor() as u32;
+            (0..count).map(move |index| {
+                let (u, v) = triangle_point(key.point2(index));
+                FitSample { element, weights: [1.0 - u - v, u, v], area: area / expected.max(count as f32) }
+            })
+        })
+        .collect();
+    progress.begin("gather", (samples.len() + mesh.vertices.len()) as u64);
+    let coarse_seen = spread(sight.draft, coarse.patches, coarse.indirect);
+    let seen = sight.with(&coarse_seen);
+    let light = DiffuseLight { mesh: &sight.displayed.mesh, irradiance: &seen };
+    let work = |light: &DiffuseLight, receiver: &Receiver, rays: u32, entity: u64| {
+        if progress.is_cancelled() {
+            return Gathered::default();
+        }
+        let key = Key::new(params.seed, Purpose::Hemisphere, entity);
+        let result = gather(lights, light, receiver, rays, key, &params.walk);
+        progress.advance(1);
+        result
+    };
+    let hats = Hats::new(&displayed, draft.vertices.len());
+    let around = |light: &DiffuseLight, vertex: u32, rays: u32, bit: u64| {
+        let mut sum = Gathered::default();
+        let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(vertex) | bit | 1 << 47);
+        for index in 0..POINTS_AROUND {
+            let Some((element, weights)) = hats.point(&displayed, vertex, key, index) else { break };
+            let receiver = draft.receiver_inside(tracer, &displayed, element, weights);
+            let entity = u64::from(vertex) | bit | u64::from(index) << 50;
+            let found = work(light, &receiver, rays.div_ceil(POINTS_AROUND), entity);
+            sum.add(&found, 1.0 / POINTS_AROUND as f32);
+        }
+        sum
+    };
+    let (mut vertex_rays, mut trust) = vertex_budgets(draft, &displayed, hidden, params, whole);
+    for (i, &v) in displayed.origin.iter().enumerate().filter(|(_, v)| sharing.shares(**v)) {
+        vertex_rays[i] = if sharing.is_asked(v) { params.vertex_rays } else { 0 };
+        trust[i] = SHARED_TRUST;
+    }
+    let mut at_vertices: Vec<Gathered> = displayed
+        .origin
+        .par_iter()
+        .zip(&vertex_rays)
+        .with_min_len(8)
+        .map(|(&v, &rays)| match rays {
+            0 => Gathered::default(),
+            _ if sharing.shares(v) => around(&light, v, rays, 0),
+            _ => work(&light, &draft.receiver(tracer, v), rays, u64::from(v)),
+        })
+        .collect();
+    let shared = SharedGathers::new(sharing, &displayed);
+    shared.fill(&mut at_vertices);
+    let mut known: Vec<Option<Rgb>> = vec![None; draft.vertices.len()];
+    for (&v, g) in displayed.origin.iter().zip(&at_vertices).filter(|(v, _)| !hidden[**v as usize]) {
+        known[v as usize] = Some(g.direct + g.mirrored + g.caustic + g.indirect);
+    }
+    beside_hidden(draft, &mut known);
+    let looked_at = sight.spread(&known);
+    let seen = sight.with(&looked_at);
+    let light = DiffuseLight { mesh: &sight.displayed.mesh, irradiance: &seen };
+    let inside: Vec<Gathered> = samples
+        .par_iter()
+        .enumerate()
+        .with_min_len(4)
+        .map(|(index, s)| {
+            let receiver = draft.receiver_inside(tracer, &displayed, s.element, s.weights);
+            work(&light, &receiver, params.gather_rays, index as u64 | 1 << 43)
+        })
+        .collect();
+    // Shared vertices have no points inside: those that sample for the others gather once more.
+    let again: Vec<Gathered> = sharing
+        .leads()
+        .par_iter()
+        .with_min_len(4)
+        .map(|&v| around(&light, v, params.gather_rays, 1 << 45))
+        .collect();
+    for (&lead, gathered) in sharing.leads().iter().zip(again) {
+        at_vertices[shared.shown[lead as usize] as usize] = gathered;
+    }
+    shared.fill(&mut at_vertices);
+    if progress.is_cancelled() {
+        return Err(Cancelled);
+    }
+
+    let fit_params = FitParams { smoothing: params.gather_fit.smoothing * spacing, ..params.gather_fit };
+    let mut terms: Vec<Option<[Rgb; 4]>> = vec![None; draft.vertices.len()];
+    for &v in &displayed.origin {
+        terms[v as usize] = Some([Rgb::ZERO; 4]);
+    }
+    let fit_term = |terms: &mut [Option<[Rgb; 4]>], at_vertices: &[Gathered], term: usize| {
+        let value = |g: &Gathered| [g.direct, g.mirrored, g.caustic, g.indirect][term];
+        let prior: Vec<Rgb> = at_vertices.iter().map(value).collect();
+        let values: Vec<Rgb> = inside.iter().map(value).collect();
+        if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
+            return;
+        }
+        for (&v, fitted) in
+            displayed.origin.iter().zip(fit(mesh, &samples, &values, &prior, &trust, &fit_params))
+        {
+            if let Some(terms) = &mut terms[v as usize] {
+                terms[term] = fitted;
+            }
+        }
+    };
+    for term in 0..4 {
+        fit_term(&mut terms, &at_vertices, term);
+    }
+    // What was found beyond what was seen is missing from all further reflections: `seen` per draft vertex.
+    let missing = |terms: &[Option<[Rgb; 4]>], seen: &[Rgb]| {
+        let lack = |(terms, seen): (&Option<[Rgb; 4]>, &Rgb)| {
+            terms.map_or(Rgb::ZERO, |t| t.iter().copied().sum::<Rgb>() - *seen)
+        };
+        let lack: Vec<Rgb> = terms.iter().zip(seen).map(lack).collect();
+        spread(draft, coarse.patches, &coarse.onward(draft, &lack, &params.solver))
+    };
+    // The vertices saw the coarse solution: with what it lacks they hold the fit where it belongs.
+    let more = missing(&terms, &coarse_seen);
+    for (&v, gathered) in displayed.origin.iter().zip(&mut at_vertices).filter(|(v, _)| !sharing.shares(**v))
+    {
+        gathered.indirect = (gathered.indirect + more[v as usize]).max(Rgb::ZERO);
+    }
+    fit_term(&mut terms, &at_vertices, 3);
+    let more = missing(&terms, &looked_at);
+    for (terms, more) in terms.iter_mut().zip(&more) {
+        if let Some([.., indirect]) = terms {
+            *indirect = (*indirect + *more).max(Rgb::ZERO);
+        }
+    }
+    let rays = vertex_rays.iter().map(|&r| u64::from(r)).sum::<u64>()
+        + (inside.len() + sharing.leads().len()) as u64 * u64::from(params.gather_rays);
+    Ok(GatheredLight { terms, rays })
+}
+
+/// How much the fit trusts what vertices share: no samples inside speak against it.
+const SHARED_TRUST: f32 = 40.0;
+
+/// Gathers at the vertices of a display mesh, some of which are shared.
+struct SharedGathers<'a> {
+    sharing: &'a Sharing,
+    origin: &'a [u32],
+    /// Display vertex of each draft vertex.
+    shown: Vec<u32>,
+}
+
+impl<'a> SharedGathers<'a> {
+    fn new(sharing: &'a Sharing, displayed: &'a Displayed) -> Self {
+        let count = displayed.origin.iter().max().map_or(0, |v| *v as usize + 1);
+        let mut shown = vec![u32::MAX; count];
+        for (index, &v) in displayed.origin.iter().enumerate() {
+            shown[v as usize] = index as u32;
+        }
+        Self { sharing, origin: &displayed.origin, shown }
+    }
+
+    fn fill(&self, gathered: &mut [Gathered]) {
+        for (index, &v) in self.origin.iter().enumerate().filter(|(_, v)| !self.sharing.is_asked(**v)) {
+            let mut sum = Gathered::default();
+            for &(lead, weight) in self.sharing.parts(v) {
+                let from = &gathered[self.shown[lead as usize] as usize];
+                sum.add(from, weight);
+            }
+            gathered[index] = sum;
+        }
+    }
+}
