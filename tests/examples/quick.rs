@@ -3,7 +3,7 @@
 //! `cargo run --profile fast -p catoptric-tests --example quick -- SCENE.glb OUT.exr [draft|standard|high] [layers]`
 //!
 //! Variables of the environment replace budgets of pass one: `BASE`, `ROWS`, `GATHER`, `VERT`, `TOL`, `MAXV`, `SHADOW`,
-//! `NEAR`, `ROUNDS`, `SMOOTH`, `POINTS`, `FITP` and `SEED` (see [`SolveParams`]).
+//! `NEAR`, `DETAIL`, `DROUNDS`, `ROUNDS`, `NOISE`, `SMOOTH`, `POINTS`, `FITP` and `SEED` (see [`SolveParams`]).
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -55,7 +55,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let camera = loaded.scene.cameras().first().ok_or("the scene has no camera")?;
     let (width, layers) = (256, rest.len() > 1);
     let view = RenderParams::for_quality(quality, width, camera.height_for_width(width));
-    let view = RenderParams { layers, ..view };
+    let mut view = RenderParams { layers, ..view };
+    view.noise = std::env::var("NOISE").ok().and_then(|v| v.parse().ok()).unwrap_or(view.noise);
     let rendered = render(&tracer, &solved.solution, camera, &view, &progress).map_err(|_| "stopped")?;
     progress.begin("write", 1);
     rendered.image.write_exr(Path::new(output))?;
@@ -81,8 +82,10 @@ fn budgets(quality: Quality) -> SolveParams {
     size("MAXV", &mut params.sources.max_vertices);
     count("SHADOW", &mut params.shadow_rays);
     params.fit_rays = value("SHADOW").map_or(params.fit_rays, |v| v as u32 / 2);
-    share("NEAR", &mut params.near);
-    count("ROUNDS", &mut params.near_rounds);
+    share("NEAR", &mut params.near.ratio);
+    share("DETAIL", &mut params.near.detail_share);
+    count("DROUNDS", &mut params.near.detail_rounds);
+    count("ROUNDS", &mut params.near.rounds);
     share("SMOOTH", &mut params.gather_fit.smoothing);
     share("POINTS", &mut params.gather_points);
     count("FITP", &mut params.fit_points);

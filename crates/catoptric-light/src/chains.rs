@@ -4,14 +4,14 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
-use catoptric_scene::{Barycentric, Rgb, Side, TriangleId};
+use catoptric_scene::{AlphaMode, Barycentric, Rgb, Side, TriangleId};
 use catoptric_trace::chain::MAX_PLANAR;
 use catoptric_trace::plane::Plane;
 use catoptric_trace::{PlaneId, Tracer};
 
 use crate::contour::Polygon;
 use crate::emitter::Emitters;
-use crate::light_tree::{View, Window};
+use crate::light_tree::{View, Windows};
 
 /// A flat reflecting piece of a plane.
 #[derive(Clone, Debug)]
@@ -37,6 +37,8 @@ pub struct Reflector {
     pieces: Vec<Aperture>,
     /// Largest reflectance at normal incidence.
     strength: f32,
+    /// Its materials have neither textures nor holes.
+    even: bool,
 }
 
 /// Mirrors in the order in which a path from the receiver meets them.
@@ -46,6 +48,13 @@ pub struct ImageChain {
     pub planes: Vec<PlaneId>,
     /// Indices into [`ImageChains::reflectors`].
     pub(crate) reflectors: Vec<usize>,
+    /// Windows in unfolded space: each a choice of one piece per mirror, seen from the light. None where there are too
+    /// many: following the chain decides.
+    pub(crate) windows: Vec<Vec<Polygon>>,
+    /// The equations of [`ImageChain::planes`].
+    equations: Vec<Plane>,
+    /// Each mirror reflects alike all over its windows.
+    even: bool,
     strength: f32,
 }
 
@@ -66,6 +75,8 @@ const MAX_REFLECTORS: usize = 128;
 const MANY_CELLS: usize = 1024;
 /// Pieces of a plane beyond which clipping costs more than it saves.
 const MAX_APERTURES: usize = 6;
+/// Combinations of pieces beyond which a chain has no windows.
+const MAX_WINDOWS: usize = 8;
 
 impl ImageChains {
     /// Finds the reflectors and the chains between them that can carry light from a source.
@@ -108,6 +119,9 @@ impl ImageChains {
                     found.push(ImageChain {
                         planes: chain.iter().map(|&r| reflectors[r].id).collect(),
                         reflectors: chain.clone(),
+                        windows: Vec::new(),
+                        equations: chain.iter().map(|&r| reflectors[r].plane).collect(),
+                        even: chain.iter().all(|&r| reflectors[r].even),
                         strength,
                     });
                 }
@@ -129,6 +143,9 @@ impl ImageChains {
                 .then(a.planes.cmp(&b.planes))
         });
         found.truncate(MAX_CHAINS);
+        for chain in &mut found {
+            chain.windows = windows(&reflectors, &chain.reflectors);
+        }
         Self { reflectors, chains: found }
     }
 
@@ -189,6 +206,7 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
                     apertures: Vec::new(),
                     pieces: Vec::new(),
                     strength: 0.0,
+                    even: true,
                 });
                 reflectors.len() - 1
             });
@@ -197,6 +215,7 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
             let bound =
                 if material.base_texture.is_some() { material.base_color.max_element() } else { strength };
             reflector.strength = reflector.strength.max(bound.max(strength));
+            reflector.even &= !material.has_textures() && material.alpha_mode == AlphaMode::Opaque;
             reflector.pieces.push(piece);
         }
     }
@@ -247,6 +266,31 @@ fn join(first: &Aperture, second: &Aperture) -> Option<Aperture> {
     closes.then(|| Aperture { outline: Polygon::new(&[corner, a, opposite, b]), ..first.clone() })
 }
 
+/// The windows of a chain in unfolded space: every combination of one piece per mirror, if there are few.
+fn windows(reflectors: &[Reflector], chain: &[usize]) -> Vec<Vec<Polygon>> {
+    let counts: Vec<usize> = chain.iter().map(|&r| reflectors[r].apertures.len()).collect();
+    let combinations: usize = counts.iter().product();
+    if combinations > MAX_WINDOWS {
+        return Vec::new();
+    }
+    let window = |mut combination: usize| {
+        let outline = |(level, &index): (usize, &usize)| {
+            let choice = combination % counts[level];
+            combination /= counts[level];
+            let mut corners: Vec<DVec3> = reflectors[index].apertures[choice].outline.corners().to_vec();
+            // Seen from the light: reflected at every later mirror.
+            for &later in &chain[level + 1..] {
+                for corner in &mut corners {
+                    *corner = reflectors[later].plane.reflect_point(*corner);
+                }
+            }
+            Polygon::new(&corners)
+        };
+        chain.iter().enumerate().map(outline).collect()
+    };
+    (0..combinations).map(window).collect()
+}
+
 /// A receiver's place in the unfolded space of a chain, where the light is where it really is and the path is straight.
 #[derive(Clone, Debug)]
 pub struct Unfolded {
@@ -262,7 +306,7 @@ pub struct Unfolded {
 
 impl Unfolded {
     /// The view of the emitters from here.
-    pub(crate) fn view<'a>(&self, windows: &'a [Window]) -> View<'a> {
+    pub(crate) fn view<'a>(&self, windows: &'a Windows) -> View<'a> {
         View { point: self.position, normal: self.normal, geometric: self.geometric, windows }
     }
 }
@@ -292,36 +336,6 @@ impl ImageChains {
         Some(image)
     }
 
-    /// Windows of the chain in unfolded space, each a choice of one piece per mirror: calls `visit` for every
-    /// combination (at most 8; more are left unclipped: following the chain decides).
-    pub fn windows(&self, chain: &ImageChain, mut visit: impl FnMut(&[Polygon])) {
-        let counts: Vec<usize> =
-            chain.reflectors.iter().map(|&r| self.reflectors[r].apertures.len()).collect();
-        let combinations: usize = counts.iter().product();
-        if combinations == 0 || combinations > 8 {
-            visit(&[]);
-            return;
-        }
-        let mut windows = Vec::with_capacity(counts.len());
-        for mut combination in 0..combinations {
-            windows.clear();
-            for (level, &index) in chain.reflectors.iter().enumerate() {
-                let choice = combination % counts[level];
-                combination /= counts[level];
-                let mut corners: Vec<DVec3> =
-                    self.reflectors[index].apertures[choice].outline.corners().to_vec();
-                // Seen from the light: reflected at every later mirror.
-                for &later in &chain.reflectors[level + 1..] {
-                    for corner in &mut corners {
-                        *corner = self.reflectors[later].plane.reflect_point(*corner);
-                    }
-                }
-                windows.push(Polygon::new(&corners));
-            }
-            visit(&windows);
-        }
-    }
-
     /// Where a path to the point `light` aims before each mirror, and the light itself last.
     pub fn targets(&self, chain: &ImageChain, light: DVec3, targets: &mut Vec<glam::Vec3>) {
         targets.clear();
@@ -335,8 +349,12 @@ impl ImageChains {
     }
 }
 
-/// The product of the largest reflectances, for reports.
 impl ImageChain {
+    /// The mirrors from the one at `level` on, if light that is seen through the windows is certain to be reflected by them.
+    pub(crate) fn mirrors_from(&self, level: usize) -> Option<(&[Plane], PlaneId)> {
+        (self.even && !self.windows.is_empty()).then(|| (&self.equations[level..], self.planes[level]))
+    }
+
     /// Product of the mirrors' largest reflectances.
     pub fn strength(&self) -> f32 {
         self.strength

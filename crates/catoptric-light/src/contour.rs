@@ -47,36 +47,14 @@ impl Polygon {
         }
     }
 
-    /// The part where normal·x ≥ offset (Sutherland & Hodgman 1974).
+    /// The part where normal·x ≥ offset.
     pub fn clipped(&self, normal: DVec3, offset: f64) -> Self {
+        // Most planes cut nothing off: told without a copy of what is left.
+        if self.corners().iter().all(|c| normal.dot(*c) - offset >= 0.0) {
+            return *self;
+        }
         let mut result = Self { corners: [DVec3::ZERO; MAX_CORNERS], count: 0 };
-        let corners = self.corners();
-        let Some(&last) = corners.last() else { return result };
-        let mut previous = last;
-        let mut previous_height = normal.dot(previous) - offset;
-        for &corner in corners {
-            let height = normal.dot(corner) - offset;
-            if (height >= 0.0) != (previous_height >= 0.0) {
-                let t = previous_height / (previous_height - height);
-                result.push(previous.lerp(corner, t));
-            }
-            if height >= 0.0 {
-                result.push(corner);
-            }
-            (previous, previous_height) = (corner, height);
-        }
-        result
-    }
-
-    /// The part seen from `eye` through the convex window `aperture`.
-    pub fn seen_through(&self, eye: DVec3, aperture: &Polygon) -> Self {
-        let mut result = *self;
-        for normal in aperture.sight_planes(eye).into_iter().flatten() {
-            result = result.clipped(normal, normal.dot(eye));
-            if result.is_empty() {
-                break;
-            }
-        }
+        clip(self.corners(), normal, offset, |corner| result.push(corner));
         result
     }
 
@@ -102,45 +80,102 @@ impl Polygon {
 
     /// A point of the polygon: fan of triangles, uniform by area.
     pub fn point(&self, u: f64, v: f64) -> DVec3 {
-        let corners = self.corners();
-        let first = corners[0];
-        let total: f64 =
-            corners.windows(2).skip(1).map(|w| (w[0] - first).cross(w[1] - first).length()).sum();
-        let mut remaining = u * total;
-        for (index, w) in corners.windows(2).enumerate().skip(1) {
-            let area = (w[0] - first).cross(w[1] - first).length();
-            if remaining <= area || index + 2 == corners.len() {
-                let s = if area > 0.0 { (remaining / area).clamp(0.0, 1.0).sqrt() } else { 0.0 };
-                return first + (w[0] - first) * (s * (1.0 - v)) + (w[1] - first) * (s * v);
-            }
-            remaining -= area;
+        point_in(self.corners(), u, v)
+    }
+}
+
+/// A point of a convex polygon: fan of triangles, uniform by area.
+pub fn point_in(corners: &[DVec3], u: f64, v: f64) -> DVec3 {
+    let first = corners[0];
+    let total: f64 = corners.windows(2).skip(1).map(|w| (w[0] - first).cross(w[1] - first).length()).sum();
+    let mut remaining = u * total;
+    for (index, w) in corners.windows(2).enumerate().skip(1) {
+        let area = (w[0] - first).cross(w[1] - first).length();
+        if remaining <= area || index + 2 == corners.len() {
+            let s = if area > 0.0 { (remaining / area).clamp(0.0, 1.0).sqrt() } else { 0.0 };
+            return first + (w[0] - first) * (s * (1.0 - v)) + (w[1] - first) * (s * v);
         }
-        first
+        remaining -= area;
+    }
+    first
+}
+
+/// Leaves of a convex polygon of any number of corners the part where normal·x ≥ offset; `spare` is a buffer.
+pub fn cut(corners: &mut Vec<DVec3>, normal: DVec3, offset: f64, spare: &mut Vec<DVec3>) {
+    if corners.iter().any(|c| normal.dot(*c) - offset < 0.0) {
+        spare.clear();
+        clip(corners, normal, offset, |corner| spare.push(corner));
+        std::mem::swap(corners, spare);
+    }
+}
+
+/// Visits the corners of the part of a polygon where normal·x ≥ offset (Sutherland & Hodgman 1974).
+#[inline]
+fn clip(corners: &[DVec3], normal: DVec3, offset: f64, mut visit: impl FnMut(DVec3)) {
+    let Some(&last) = corners.last() else { return };
+    let mut previous = last;
+    let mut previous_height = normal.dot(previous) - offset;
+    for &corner in corners {
+        let height = normal.dot(corner) - offset;
+        if (height >= 0.0) != (previous_height >= 0.0) {
+            let t = previous_height / (previous_height - height);
+            visit(previous.lerp(corner, t));
+        }
+        if height >= 0.0 {
+            visit(corner);
+        }
+        (previous, previous_height) = (corner, height);
     }
 }
 
 /// Irradiance at `point` with unit normal `normal` by a polygon of unit radiance: the configuration factor times π.
 /// The polygon is clipped to the horizon. The sign of its winding does not matter.
 pub fn irradiance(point: DVec3, normal: DVec3, polygon: &Polygon) -> f64 {
-    let above = polygon.clipped(normal, normal.dot(point));
-    if above.is_empty() {
+    let height = normal.dot(point);
+    if polygon.corners().iter().all(|c| normal.dot(*c) - height >= 0.0) {
+        return irradiance_above(point, normal, polygon.corners());
+    }
+    irradiance_above(point, normal, polygon.clipped(normal, height).corners())
+}
+
+/// The same by a polygon of any number of corners; `spare` is a buffer.
+pub fn irradiance_of(point: DVec3, normal: DVec3, corners: &[DVec3], spare: &mut Vec<DVec3>) -> f64 {
+    let height = normal.dot(point);
+    if corners.iter().all(|c| normal.dot(*c) - height >= 0.0) {
+        return irradiance_above(point, normal, corners);
+    }
+    spare.clear();
+    clip(corners, normal, height, |corner| spare.push(corner));
+    irradiance_above(point, normal, spare)
+}
+
+/// The same by the corners of a polygon no part of which lies below the horizon.
+pub fn irradiance_above(point: DVec3, normal: DVec3, corners: &[DVec3]) -> f64 {
+    if corners.len() < 3 {
         return 0.0;
     }
-    let corners = above.corners();
     let mut previous = (corners[corners.len() - 1] - point).normalize_or_zero();
     let mut sum = 0.0;
     for &corner in corners {
         let current = (corner - point).normalize_or_zero();
         let cross = previous.cross(current);
-        let sine = cross.length();
-        // atan2 keeps the angle exact for short and for long edges; sinγ = 0: no plane, no contribution.
-        if sine > 0.0 {
-            let angle = libm::atan2(sine, previous.dot(current));
-            sum += angle / sine * normal.dot(cross);
-        }
+        sum += angle_over_sine(cross.length_squared(), previous.dot(current)) * normal.dot(cross);
         previous = current;
     }
     (0.5 * sum).abs()
+}
+
+/// γ / sin γ of an angle by the square of its sine and its cosine; 0 where there is no plane through its sides.
+#[inline]
+fn angle_over_sine(sine2: f64, cosine: f64) -> f64 {
+    if sine2 < 0.01 && cosine > 0.0 {
+        // The series of arcsin x / x, in x²; the next term is below 2e-14.
+        const SERIES: [f64; 6] = [1.0, 1.0 / 6.0, 3.0 / 40.0, 15.0 / 336.0, 105.0 / 3456.0, 945.0 / 42240.0];
+        return SERIES.iter().rev().fold(0.0, |sum, c| sum * sine2 + c);
+    }
+    // atan2 keeps the angle exact for long edges; sinγ = 0: no plane, no contribution.
+    let sine = sine2.sqrt();
+    if sine > 0.0 { libm::atan2(sine, cosine) / sine } else { 0.0 }
 }
 
 /// Irradiance at `point` by a polygon whose radiance is (n+1)/2 · cosⁿ⁻¹θ about its unit normal `axis`, n = `exponent`: for
@@ -303,7 +338,10 @@ mod tests {
     fn a_window_half_way_shows_a_part_of_twice_its_size() {
         let screen = rectangle(DVec3::new(-10.0, -10.0, 2.0), DVec3::X * 20.0, DVec3::Y * 20.0);
         let window = rectangle(DVec3::new(0.1, 0.2, 1.0), DVec3::X * 0.3, DVec3::Y * 0.4);
-        let part = screen.seen_through(DVec3::ZERO, &window);
+        let mut part = screen;
+        for normal in window.sight_planes(DVec3::ZERO).into_iter().flatten() {
+            part = part.clipped(normal, 0.0);
+        }
         assert!((part.vector_area().length() - 0.3 * 0.4 * 4.0).abs() < 1e-12);
         for i in 0..50 {
             let p = part.point(f64::from(i) / 50.0, f64::from(i * 7 % 50) / 50.0);

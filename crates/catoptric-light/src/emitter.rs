@@ -1,4 +1,4 @@
-//! Area emitters: cells (triangles and parallelograms), kept in a [`LightTree`].
+//! Area emitters: cells (triangles and parallelograms), kept in a [`LightTree`] or joined to [`Lamp`]s.
 
 use glam::DVec3;
 
@@ -7,6 +7,7 @@ use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame, triangle
 use catoptric_trace::{PlaneId, Ray, Tracer};
 
 use crate::contour::{self, Polygon};
+use crate::lamp::Lamp;
 use crate::light_tree::LightTree;
 
 /// A triangle or parallelogram that emits from one side (two-sided emitters are two cells).
@@ -44,6 +45,12 @@ impl Cell {
         } else {
             Polygon::new(&[self.corner, self.corner + a, self.corner + b])
         }
+    }
+
+    /// Whether its emitting side is turned towards a point.
+    #[inline]
+    pub(crate) fn faces(&self, point: DVec3) -> bool {
+        self.normal.dot(point - self.corner) > 0.0
     }
 
     /// The point of unit-square coordinates (s, t), uniform by area.
@@ -149,7 +156,9 @@ impl Cell {
 #[derive(Clone, Debug, Default)]
 pub struct Emitters {
     cells: Vec<Cell>,
+    /// Over the first cells, those of no lamp.
     tree: LightTree,
+    lamps: Vec<Lamp>,
     /// Emitters so large that hemisphere rays see them well: whole walls. Not in the tree.
     broad: Vec<Cell>,
     /// Per triangle: emits anywhere, either side.
@@ -166,6 +175,9 @@ const BROAD_SHARE: f64 = 0.04;
 const VIEW_RAYS: u32 = 2048;
 /// Each broad cell is asked by every hemisphere ray.
 const MAX_BROAD: usize = 16;
+
+/// Each receiver asks every lamp.
+const MAX_LAMPS: usize = 32;
 
 /// Texture samples along each side of a cell that find its mean radiance; half as many where cells are many.
 const TEXTURE_SAMPLES: u32 = 16;
@@ -210,7 +222,7 @@ impl Emitters {
             }
         }
         emitters.separate_broad(tracer);
-        emitters.build();
+        emitters.build(tracer);
         emitters
     }
 
@@ -337,13 +349,58 @@ impl Emitters {
         }
     }
 
-    fn build(&mut self) {
+    /// Puts the cells in order, neighbours beside each other, those of lamps last, and makes the tree over the others.
+    fn build(&mut self, tracer: &Tracer) {
+        let in_order = |cells: &[Cell], order: &[u32]| order.iter().map(|&i| cells[i as usize]).collect();
         let (tree, order) = LightTree::new(&self.cells);
-        self.cells = order.iter().map(|&i| self.cells[i as usize]).collect();
+        let cells: Vec<Cell> = in_order(&self.cells, &order);
+        let mut lamps = self.find_lamps(tracer);
+        if lamps.is_empty() {
+            (self.tree, self.cells) = (tree, cells);
+            return;
+        }
+        let lamp_of = |cell: &Cell| lamps.iter().position(|l| l.triangles.contains(&cell.triangles[0].0));
+        let (of_lamps, others): (Vec<(usize, Cell)>, Vec<(usize, Cell)>) = cells
+            .iter()
+            .map(|cell| (lamp_of(cell).unwrap_or(usize::MAX), *cell))
+            .partition(|(lamp, _)| *lamp != usize::MAX);
+        let others: Vec<Cell> = others.into_iter().map(|(_, cell)| cell).collect();
+        let (tree, order) = LightTree::new(&others);
         self.tree = tree;
+        self.cells = in_order(&others, &order);
+        for (index, lamp) in lamps.iter_mut().enumerate() {
+            let start = self.cells.len() as u32;
+            self.cells.extend(of_lamps.iter().filter(|c| c.0 == index).map(|c| c.1));
+            lamp.cells = start..self.cells.len() as u32;
+        }
+        self.lamps = lamps;
     }
 
-    /// The tree over the cells.
+    /// The surfaces that are lamps; none where there are so many that each receiver had better ask a tree.
+    fn find_lamps(&self, tracer: &Tracer) -> Vec<Lamp> {
+        let mut lamps = Vec::new();
+        let scene = tracer.scene();
+        for surface in scene.surfaces() {
+            let triangles = surface.triangles.clone();
+            if !triangles.clone().all(|t| self.emits[t as usize] && !self.is_broad[t as usize]) {
+                continue;
+            }
+            let of_surface = |c: &&Cell| triangles.contains(&c.triangles[0].0);
+            let Some(cell) = self.cells.iter().find(of_surface) else { continue };
+            lamps.extend(Lamp::new(tracer, surface, cell));
+            if lamps.len() > MAX_LAMPS {
+                return Vec::new();
+            }
+        }
+        lamps
+    }
+
+    /// The lamps.
+    pub fn lamps(&self) -> &[Lamp] {
+        &self.lamps
+    }
+
+    /// The tree over the cells that are part of no lamp.
     pub fn tree(&self) -> &LightTree {
         &self.tree
     }

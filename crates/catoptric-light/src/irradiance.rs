@@ -1,19 +1,24 @@
 //! Irradiance at a point by area emitters and the bright sky: straight, and over image chains.
 //!
 //! Per emitter cell: Lambert's formula on the part above the horizon and inside the mirrors' windows, times the mean
-//! throughput of stratified shadow rays, weighted by the integrand. Unoccluded untextured light is exact. Cosine lobes
-//! have a contour formula of their own, and their factor is part of the integrand.
+//! throughput of stratified shadow rays, weighted by the integrand. Unoccluded untextured light is exact, and where the
+//! whole pyramid of shadow rays is empty it needs none. Cosine lobes have a contour formula of their own, and their
+//! factor is part of the integrand.
+
+use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
 use catoptric_scene::{Rgb, Sky};
+use catoptric_trace::beam::{Base, End, Pyramid};
 use catoptric_trace::sequence::Key;
 use catoptric_trace::{PlaneId, Tracer, walk};
 
 use crate::chains::{ImageChain, ImageChains, Unfolded};
 use crate::contour::{self, Polygon};
 use crate::emitter::{Cell, Emitters};
-use crate::light_tree::{Cut, Part, Window};
+use crate::lamp::{Outline, Sight};
+use crate::light_tree::{Cut, Part, Windows};
 use crate::receiver::Receiver;
 use crate::sky::BrightSky;
 
@@ -50,8 +55,12 @@ pub struct Scratch {
     small: Vec<(u32, f64)>,
     loose: Vec<(u32, f64)>,
     cut: Cut,
-    windows: Vec<Window>,
+    windows: Windows,
     texels: Vec<(u32, f32)>,
+    lamps: Vec<LampPart>,
+    corners: Vec<DVec3>,
+    outline: Outline,
+    spare: [Vec<DVec3>; 2],
     pub(crate) targets: Vec<Vec3>,
     /// Shadow rays cast (chains count one).
     pub rays: u64,
@@ -74,21 +83,46 @@ impl Piece {
     }
 }
 
+/// A visible part of a lamp.
+#[derive(Clone, Debug)]
+struct LampPart {
+    lamp: u32,
+    /// Where its corners lie in [`Found::corners`].
+    corners: Range<usize>,
+    /// Unit normal of the outline's plane, away from the receiver.
+    axis: DVec3,
+    /// Irradiance by unit radiance.
+    unit: f64,
+    weight: f64,
+}
+
+/// What shadow rays go to.
+#[derive(Clone, Copy)]
+enum Goal<'a> {
+    /// A point in a plane.
+    Plane(PlaneId),
+    /// The first of some triangles that they meet.
+    Triangles(&'a Range<u32>),
+}
+
 /// What one receiver sees of the emitters.
 struct Found {
+    lamps: Vec<LampPart>,
+    /// Of the lamps.
+    corners: Vec<DVec3>,
     /// Parts of cells, known exactly.
     pieces: Vec<Piece>,
     /// Small and far groups with their irradiance.
     small: Vec<(u32, f64)>,
     /// Groups beyond the budget with the bound of their irradiance.
     loose: Vec<(u32, f64)>,
-    windows: Vec<Window>,
+    windows: Windows,
 }
 
 impl Found {
     /// So few that each gets strata of its own.
     fn is_few(&self) -> bool {
-        self.pieces.len() + self.small.len() + self.loose.len() <= 4
+        self.lamps.len() + self.pieces.len() + self.small.len() + self.loose.len() <= 4
     }
 }
 
@@ -100,6 +134,10 @@ enum Shared<'a> {
     Loose(u32),
 }
 
+/// Samples of a smooth integrand, where nothing blocks: Fresnel's reflectance of mirrors, the transmittance of a medium.
+const FREE_SAMPLES: u32 = 4;
+/// Where the keys of lamps begin, beyond those of pieces.
+const LAMPS: u32 = 0x8000;
 /// Parts that the emitters are cut into for one receiver, at least.
 const PARTS: usize = 48;
 /// And more the more samples are taken, so that the cut never costs much beside the shadow rays.
@@ -245,10 +283,14 @@ impl<'a> Lights<'a> {
             small: std::mem::take(&mut scratch.small),
             loose: std::mem::take(&mut scratch.loose),
             windows: std::mem::take(&mut scratch.windows),
+            lamps: std::mem::take(&mut scratch.lamps),
+            corners: std::mem::take(&mut scratch.corners),
         };
-        let Found { pieces, small, loose, .. } = &found;
+        let Found { lamps, pieces, small, loose, .. } = &found;
         let groups: f64 = small.iter().chain(loose).map(|s| s.1).sum();
-        let whole: f64 = pieces.iter().map(|p| p.weight).sum::<f64>() + groups;
+        let whole: f64 = lamps.iter().map(|l| l.weight).sum::<f64>()
+            + pieces.iter().map(|p| p.weight).sum::<f64>()
+            + groups;
         if whole > 0.0 {
             // Large pieces get strata of their own, small ones share.
             let share = f64::from(samples) / whole;
@@ -273,6 +315,15 @@ impl<'a> Lights<'a> {
                 result.irradiance += part;
                 result.unoccluded += self.emitters.cells()[piece.cell as usize].radiance * piece.unit as f32;
             }
+            for (index, part) in lamps.iter().enumerate() {
+                let expected = (part.weight * share).ceil() as u32;
+                let count =
+                    if expected < 2 { 1 } else { expected.clamp(4, samples.max(4)).next_power_of_two() };
+                let key = key.child(LAMPS + index as u32);
+                result.irradiance +=
+                    self.lamp(receiver, chain, image, part, &found.corners, count, key, scratch, &mut tally);
+                result.unoccluded += self.emitters.lamps()[part.lamp as usize].radiance * part.unit as f32;
+            }
             let total_small = leftover + groups;
             if total_small > 0.0 {
                 let part = self.shared(
@@ -293,6 +344,8 @@ impl<'a> Lights<'a> {
         scratch.small = found.small;
         scratch.loose = found.loose;
         scratch.windows = found.windows;
+        scratch.lamps = found.lamps;
+        scratch.corners = found.corners;
         if !self.bright.is_empty() {
             let part = self.bright_part(receiver, chain, image, samples, key, scratch, &mut tally);
             result.irradiance += part.irradiance;
@@ -310,18 +363,10 @@ impl<'a> Lights<'a> {
         samples: u32,
         scratch: &mut Scratch,
     ) {
+        self.gather_lamps(chain, image, scratch);
         let Scratch { pieces, small, loose, cut, windows, .. } = scratch;
-        pieces.clear();
         small.clear();
         loose.clear();
-        windows.clear();
-        if let Some(chain) = chain {
-            self.chains.windows(chain, |outlines| {
-                if !outlines.is_empty() {
-                    windows.push(Window::new(image.position, outlines));
-                }
-            });
-        }
         let budget = PARTS + PARTS_PER_SAMPLE * samples as usize;
         self.emitters.tree().cut(self.emitters.cells(), &image.view(windows), budget, cut);
         for part in cut.parts() {
@@ -338,8 +383,60 @@ impl<'a> Lights<'a> {
         }
     }
 
+    /// The windows, and the parts of the lamps that the receiver may see; those that are too near, by their cells.
+    fn gather_lamps(&self, chain: Option<&ImageChain>, image: &Unfolded, scratch: &mut Scratch) {
+        let Scratch { pieces, windows, lamps, corners, outline, spare: [part, spare], .. } = scratch;
+        pieces.clear();
+        lamps.clear();
+        corners.clear();
+        windows.clear();
+        for outlines in chain.iter().flat_map(|c| &c.windows) {
+            windows.add(image.position, outlines);
+        }
+        let horizon = image.geometric.dot(image.position);
+        for (index, lamp) in self.emitters.lamps().iter().enumerate() {
+            if !lamp.may_be_seen(image.position, windows) {
+                continue;
+            }
+            match lamp.outline(image.position, image.geometric, image.last, outline) {
+                Sight::Hidden => {}
+                Sight::Facets => {
+                    for cell in lamp.cells.clone() {
+                        if self.emitters.cells()[cell as usize].faces(image.position) {
+                            self.pieces_of(cell, image, windows, |piece| pieces.push(piece));
+                        }
+                    }
+                }
+                Sight::Outline => {
+                    contour::cut(&mut outline.corners, image.geometric, horizon, spare);
+                    let axis = outline.axis;
+                    let mut add = |seen: &[DVec3], spare: &mut Vec<DVec3>| {
+                        let unit = contour::irradiance_of(image.position, image.normal, seen, spare);
+                        if unit > 0.0 {
+                            let weight = unit * f64::from(lamp.radiance.element_sum());
+                            let start = corners.len();
+                            corners.extend(seen);
+                            let range = start..corners.len();
+                            lamps.push(LampPart { lamp: index as u32, corners: range, axis, unit, weight });
+                        }
+                    };
+                    if windows.is_empty() {
+                        add(&outline.corners, spare);
+                    }
+                    for window in windows.iter() {
+                        part.clone_from(&outline.corners);
+                        for normal in window {
+                            contour::cut(part, *normal, normal.dot(image.position), spare);
+                        }
+                        add(part, spare);
+                    }
+                }
+            }
+        }
+    }
+
     /// The parts of a cell above the horizon, one for each window that shows some.
-    fn pieces_of(&self, index: u32, image: &Unfolded, windows: &[Window], mut visit: impl FnMut(Piece)) {
+    fn pieces_of(&self, index: u32, image: &Unfolded, windows: &Windows, mut visit: impl FnMut(Piece)) {
         let cell = &self.emitters.cells()[index as usize];
         if cell.plane == image.last {
             return;
@@ -364,10 +461,10 @@ impl<'a> Lights<'a> {
         if windows.is_empty() {
             add(horizon, horizon.corners().len() == outline.corners().len());
         }
-        for window in windows {
+        for window in windows.iter() {
             let mut polygon = horizon;
-            for outline in &window.outlines {
-                polygon = polygon.seen_through(image.position, outline);
+            for normal in window {
+                polygon = polygon.clipped(*normal, normal.dot(image.position));
                 if polygon.is_empty() {
                     break;
                 }
@@ -385,28 +482,117 @@ impl<'a> Lights<'a> {
         receiver: &Receiver,
         chain: Option<&ImageChain>,
         light: DVec3,
-        to: PlaneId,
+        to: Goal,
         distance: f64,
         scratch: &mut Scratch,
         tally: &mut Tally,
     ) -> Rgb {
         scratch.rays += 1;
-        let share = match chain {
-            None => self.tracer.visibility(receiver.position, receiver.plane, light.as_vec3(), to),
-            Some(chain) => {
-                self.chains.targets(chain, light, &mut scratch.targets);
-                walk::follow(
-                    self.tracer,
-                    receiver.position,
-                    receiver.plane,
-                    &chain.planes,
-                    &scratch.targets,
-                    to,
-                )
+        let (position, plane) = (receiver.position, receiver.plane);
+        if let Some(chain) = chain {
+            self.chains.targets(chain, light, &mut scratch.targets);
+        }
+        let share = match (chain, to) {
+            (None, Goal::Plane(to)) => self.tracer.visibility(position, plane, light.as_vec3(), to),
+            (None, Goal::Triangles(lamp)) => {
+                self.tracer.reaches(position, plane, light.as_vec3() - position, lamp)
+            }
+            (Some(chain), Goal::Plane(to)) => {
+                walk::follow(self.tracer, position, plane, &chain.planes, &scratch.targets, to)
+            }
+            (Some(chain), Goal::Triangles(lamp)) => {
+                match walk::over_mirrors(self.tracer, position, plane, &chain.planes, &scratch.targets) {
+                    Some(left) => {
+                        let direction = left.target - left.origin;
+                        left.throughput * self.tracer.reaches(left.origin, left.from, direction, lamp)
+                    }
+                    None => Rgb::ZERO,
+                }
             }
         };
         tally.count(share);
         share * self.tracer.media().transmittance(receiver.media.current(), distance as f32)
+    }
+
+    /// Whether all shadow rays to a polygon, over the mirrors of a chain, are certain to arrive.
+    fn is_free(&self, receiver: &Receiver, chain: Option<&ImageChain>, base: &[DVec3], to: Goal) -> bool {
+        let Some(base) = Base::around(base) else { return false };
+        let (goal, lamp) = match to {
+            Goal::Plane(plane) => (plane, 0..0),
+            Goal::Triangles(lamp) => (PlaneId::NONE, lamp.clone()),
+        };
+        let position = receiver.position.as_dvec3();
+        let mut near = End::new(position, receiver.geometric.as_dvec3(), receiver.plane);
+        let mut eye = position;
+        for (chain, level) in chain.iter().flat_map(|c| (0..c.planes.len()).map(move |level| (c, level))) {
+            // Up to each mirror, towards the image of the light behind it.
+            let Some((mirrors, id)) = chain.mirrors_from(level) else { return false };
+            let image = mirrors.iter().rev().fold(base, |base, plane| base.reflected(plane));
+            let far = End::mirror(&mirrors[0], id, eye);
+            let pyramid = Pyramid::new(eye, &image, near, far, 0..0);
+            if !pyramid.is_some_and(|p| self.tracer.is_empty_in(&p)) {
+                return false;
+            }
+            eye = mirrors[0].reflect_point(eye);
+            near = End::mirror(&mirrors[0], id, image.reflected(&mirrors[0]).corners()[0]);
+        }
+        let Some(far) = End::behind(&base, eye, goal) else { return false };
+        Pyramid::new(eye, &base, near, far, lamp).is_some_and(|p| self.tracer.is_empty_in(&p))
+    }
+
+    /// Whether light that nothing blocks arrives as the contour formula says: no coat, and nothing that absorbs.
+    fn is_plain(&self, receiver: &Receiver) -> bool {
+        receiver.coat.is_none()
+            && self.tracer.media().transmittance(receiver.media.current(), self.far) == Rgb::ONE
+    }
+
+    /// One lamp, or what is seen of it.
+    fn lamp(
+        &self,
+        receiver: &Receiver,
+        chain: Option<&ImageChain>,
+        image: &Unfolded,
+        part: &LampPart,
+        corners: &[DVec3],
+        count: u32,
+        key: Key,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> Rgb {
+        let lamp = &self.emitters.lamps()[part.lamp as usize];
+        let corners = &corners[part.corners.clone()];
+        let to = Goal::Triangles(&lamp.triangles);
+        let free = count > 1 && self.is_free(receiver, chain, corners, to);
+        if free && chain.is_none() && self.is_plain(receiver) {
+            tally.count(Rgb::ONE);
+            return lamp.radiance * part.unit as f32;
+        }
+        let count = if free { count.min(FREE_SAMPLES) } else { count };
+        let mut weights = 0.0_f64;
+        let mut sum = DVec3::ZERO;
+        for index in 0..count {
+            let s = key.point2(index).as_dvec2();
+            let light = contour::point_in(corners, s.x, s.y);
+            let offset = light - image.position;
+            let r2 = offset.length_squared();
+            let cos = image.normal.dot(offset);
+            let weight = (cos * part.axis.dot(offset)).max(0.0) / (r2 * r2).max(1e-300);
+            if weight <= 0.0 {
+                continue;
+            }
+            weights += weight;
+            let distance = r2.sqrt();
+            let share = if free && chain.is_none() {
+                self.tracer.media().transmittance(receiver.media.current(), distance as f32)
+            } else {
+                self.throughput(receiver, chain, light, to, distance, scratch, tally)
+            };
+            sum += (share * receiver.coat.transmittance((cos / distance) as f32)).as_dvec3() * weight;
+        }
+        if weights <= 0.0 {
+            return Rgb::ZERO;
+        }
+        lamp.radiance * ((sum / weights) * part.unit).as_vec3()
     }
 
     /// One piece with strata of its own.
@@ -422,6 +608,13 @@ impl<'a> Lights<'a> {
         tally: &mut Tally,
     ) -> Rgb {
         let cell = &self.emitters.cells()[piece.cell as usize];
+        let to = Goal::Plane(cell.plane);
+        let free = self.is_free(receiver, chain, piece.polygon.corners(), to);
+        if free && chain.is_none() && !cell.textured && self.is_plain(receiver) {
+            tally.count(Rgb::ONE);
+            return cell.radiance * piece.unit as f32;
+        }
+        let count = if free && !cell.textured { count.min(FREE_SAMPLES) } else { count };
         let mut weights = 0.0_f64;
         let mut sum = DVec3::ZERO;
         for index in 0..count {
@@ -439,7 +632,11 @@ impl<'a> Lights<'a> {
             }
             weights += weight;
             let distance = r2.sqrt();
-            let mut share = self.throughput(receiver, chain, light, cell.plane, distance, scratch, tally);
+            let mut share = if free && chain.is_none() {
+                self.tracer.media().transmittance(receiver.media.current(), distance as f32)
+            } else {
+                self.throughput(receiver, chain, light, to, distance, scratch, tally)
+            };
             if share == Rgb::ZERO {
                 continue;
             }
@@ -504,7 +701,15 @@ impl<'a> Lights<'a> {
                 if cell.textured {
                     each *= cell.radiance_at(self.tracer, light) / cell.radiance.max(Rgb::splat(1e-30));
                 }
-                let seen = self.throughput(receiver, chain, light, cell.plane, distance, scratch, tally);
+                let seen = self.throughput(
+                    receiver,
+                    chain,
+                    light,
+                    Goal::Plane(cell.plane),
+                    distance,
+                    scratch,
+                    tally,
+                );
                 result.irradiance += each * seen * receiver.coat.transmittance(cos);
             }
             position += weight;
@@ -518,7 +723,7 @@ impl<'a> Lights<'a> {
         which: Shared,
         known: Rgb,
         image: &Unfolded,
-        windows: &[Window],
+        windows: &Windows,
         inner: f64,
         key: Key,
         number: u32,
@@ -541,7 +746,7 @@ impl<'a> Lights<'a> {
                 let (mut total, mut count) = (0.0, 0);
                 let key = key.child(number);
                 let cell = &self.emitters.cells()[index as usize];
-                if cell.normal.dot(image.position - cell.corner) > 0.0 {
+                if cell.faces(image.position) {
                     self.pieces_of(index, image, windows, |piece| {
                         total += piece.unit;
                         count += 1;
@@ -608,7 +813,8 @@ impl<'a> Lights<'a> {
                 let direction = self.bright.direction_in(map, texel, jitter.x, jitter.y);
                 let cos = image.normal.dot(direction.as_dvec3()).max(0.0);
                 let light = image.position + direction.as_dvec3() * f64::from(self.far);
-                let seen = self.throughput(receiver, chain, light, PlaneId::NONE, 0.0, scratch, tally);
+                let seen =
+                    self.throughput(receiver, chain, light, Goal::Plane(PlaneId::NONE), 0.0, scratch, tally);
                 let center_cos = image.normal.dot(texel.direction.as_dvec3());
                 let each = texel.power * (center_cos * step / weight) as f32;
                 let tilt = (cos / center_cos) as f32;

@@ -6,6 +6,7 @@ pub mod chains;
 pub mod contour;
 pub mod emitter;
 pub mod irradiance;
+pub mod lamp;
 pub mod light_tree;
 pub mod owner;
 pub mod punctual;

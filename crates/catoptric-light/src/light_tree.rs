@@ -52,24 +52,42 @@ pub enum Part {
     Loose(u32, f64),
 }
 
-/// A window that light must come through: the outlines of the mirrors as seen from the receiver.
+/// Windows that light must come through, one or the other: the outlines of mirrors as seen from the receiver.
 #[derive(Clone, Debug, Default)]
-pub struct Window {
-    /// The outlines.
-    pub outlines: Vec<Polygon>,
-    /// Inward normals of the planes through the receiver and the outlines' edges.
+pub struct Windows {
+    /// Inward normals of the planes through the receiver and the outlines' edges, window after window.
     normals: Vec<DVec3>,
+    /// Where the normals of each window end.
+    ends: Vec<usize>,
 }
 
-impl Window {
-    /// The window of `outlines`, all of which must be passed, seen from `eye`.
-    pub fn new(eye: DVec3, outlines: &[Polygon]) -> Self {
-        let normals = outlines.iter().flat_map(|outline| outline.sight_planes(eye)).flatten().collect();
-        Self { outlines: outlines.to_vec(), normals }
+impl Windows {
+    /// No windows: light may come from everywhere.
+    pub fn clear(&mut self) {
+        self.normals.clear();
+        self.ends.clear();
     }
 
-    fn may_show(&self, offset: DVec3, radius: f64) -> bool {
-        self.normals.iter().all(|n| n.dot(offset) > -radius)
+    /// Adds the window of `outlines`, all of which must be passed, seen from `eye`.
+    pub fn add(&mut self, eye: DVec3, outlines: &[Polygon]) {
+        self.normals.extend(outlines.iter().flat_map(|outline| outline.sight_planes(eye)).flatten());
+        self.ends.push(self.normals.len());
+    }
+
+    /// Whether light may come from everywhere.
+    pub fn is_empty(&self) -> bool {
+        self.ends.is_empty()
+    }
+
+    /// The normals of each window.
+    pub fn iter(&self) -> impl Iterator<Item = &[DVec3]> {
+        let starts = std::iter::once(0).chain(self.ends.iter().copied());
+        starts.zip(&self.ends).map(|(start, &end)| &self.normals[start..end])
+    }
+
+    /// Whether any of a ball about the eye + `offset` may be seen through them.
+    pub fn may_show(&self, offset: DVec3, radius: f64) -> bool {
+        self.is_empty() || self.iter().any(|window| window.iter().all(|n| n.dot(offset) > -radius))
     }
 }
 
@@ -83,13 +101,14 @@ pub struct View<'a> {
     /// Unit normal of the surface.
     pub geometric: DVec3,
     /// Light must come through one of these, unless there are none.
-    pub windows: &'a [Window],
+    pub windows: &'a Windows,
 }
 
 /// The parts that one receiver sees, and the buffer that finds them.
 #[derive(Clone, Debug, Default)]
 pub struct Cut {
     heap: BinaryHeap<Open>,
+    waiting: Vec<u32>,
     found: Vec<(u32, Part)>,
 }
 
@@ -98,6 +117,16 @@ impl Cut {
     pub fn parts(&self) -> impl Iterator<Item = Part> {
         self.found.iter().map(|f| f.1)
     }
+}
+
+/// What a node is to a view.
+enum Look {
+    /// It sends nothing there.
+    Dark,
+    /// Exact enough as it is.
+    Part(Part),
+    /// Too near or too varied: its children are to be looked at.
+    Divide([u32; 2]),
 }
 
 /// A group that may be divided further, the strongest first.
@@ -132,6 +161,9 @@ impl Eq for Open {}
 const GROUP_RATIO: f64 = 0.05;
 /// Normals of a group within 25° of its axis: beyond, shares below the receiver's view would be hidden in the mean.
 const GROUP_CONE_COS: f64 = 0.906;
+/// Nodes looked at for each part of the budget before the strongest are taken first: a binary tree over n parts has 2n
+/// nodes, and as many again lead to what sends nothing.
+const VISITS_PER_PART: usize = 4;
 /// So few cells are all integrated exactly.
 const FEW: usize = 4;
 
@@ -149,11 +181,12 @@ impl LightTree {
     /// Finds the parts that make up all emitters for a view, not more than `budget` (but always all that are exact
     /// where there are no more cells than that).
     pub fn cut(&self, cells: &[Cell], view: &View, budget: usize, cut: &mut Cut) {
-        cut.heap.clear();
         cut.found.clear();
-        if self.nodes.is_empty() {
+        if self.nodes.is_empty() || self.cut_whole(cells, view, budget, cut) {
             return;
         }
+        cut.heap.clear();
+        cut.found.clear();
         self.open(cells, view, 0, cut);
         while cut.found.len() + cut.heap.len() < budget
             && let Some(group) = cut.heap.pop()
@@ -169,38 +202,70 @@ impl LightTree {
         cut.found.sort_unstable_by_key(|f| f.0);
     }
 
+    /// Divides all groups in their order, which is far cheaper than the strongest first; `false` where the budget does
+    /// not hold them.
+    fn cut_whole(&self, cells: &[Cell], view: &View, budget: usize, cut: &mut Cut) -> bool {
+        let mut visits = 0;
+        cut.waiting.clear();
+        cut.waiting.push(0);
+        while let Some(index) = cut.waiting.pop() {
+            visits += 1;
+            if cut.found.len() == budget || visits > VISITS_PER_PART * budget {
+                return false;
+            }
+            match self.look(cells, view, index) {
+                Look::Dark => {}
+                Look::Part(part) => cut.found.push((self.nodes[index as usize].first, part)),
+                Look::Divide([left, right]) => cut.waiting.extend([right, left]),
+            }
+        }
+        true
+    }
+
     /// Adds a node to the cut: as a part if that is exact enough, else as a group to be divided.
     fn open(&self, cells: &[Cell], view: &View, index: u32, cut: &mut Cut) {
+        match self.look(cells, view, index) {
+            Look::Dark => {}
+            Look::Part(part) => cut.found.push((self.nodes[index as usize].first, part)),
+            Look::Divide(_) => {
+                let bound = self.bound(index, view);
+                if bound > 0.0 {
+                    cut.heap.push(Open { bound, node: index });
+                }
+            }
+        }
+    }
+
+    /// What a node is to a view.
+    fn look(&self, cells: &[Cell], view: &View, index: u32) -> Look {
         let node = &self.nodes[index as usize];
         if node.children.is_none() {
-            let cell = &cells[node.first as usize];
-            if cell.normal.dot(view.point - cell.corner) <= 0.0 {
-                return;
+            if !cells[node.first as usize].faces(view.point) {
+                return Look::Dark;
             }
-        }
-        let bound = self.bound(index, view);
-        if bound <= 0.0 {
-            return;
         }
         let offset = node.center - view.point;
+        let height = view.geometric.dot(offset);
+        if height + node.radius <= 0.0 || !view.windows.may_show(offset, node.radius) {
+            return Look::Dark;
+        }
         let distance = offset.length();
-        let above = view.geometric.dot(offset) > node.radius;
-        let small =
-            node.radius < GROUP_RATIO * distance && above && self.nodes.len() > 2 * FEW && !node.lobed;
-        if node.children.is_none() {
-            let part = if small { Part::Group(index) } else { Part::Cell(node.first) };
-            cut.found.push((node.first, part));
-            return;
+        let towards = -node.axis.dot(offset);
+        let few = self.nodes.len() <= 2 * FEW;
+        let small = node.radius < GROUP_RATIO * distance && height > node.radius && !few && !node.lobed;
+        let Some(children) = node.children else {
+            return Look::Part(if small { Part::Group(index) } else { Part::Cell(node.first) });
+        };
+        // Averted by more than size and cone together: half of the groups of a round lamp.
+        let averted = node.sin_cone * distance + node.radius;
+        if towards < -averted && node.cos_cone > 0.0 {
+            return Look::Dark;
         }
-        if small && node.cos_cone > GROUP_CONE_COS {
-            // Turned towards the receiver as a whole: even the most averted normal sees it.
-            let cos = -node.axis.dot(offset) / distance;
-            if cos > node.sin_cone + GROUP_RATIO {
-                cut.found.push((node.first, Part::Group(index)));
-                return;
-            }
+        // Turned towards the receiver as a whole: even the most averted normal sees it.
+        if small && node.cos_cone > GROUP_CONE_COS && towards > (node.sin_cone + GROUP_RATIO) * distance {
+            return Look::Part(Part::Group(index));
         }
-        cut.heap.push(Open { bound, node: index });
+        Look::Divide(children)
     }
 
     /// About the most irradiance (sum of channels) that a node may send: zero only where it can send none.
@@ -210,7 +275,7 @@ impl LightTree {
         if view.geometric.dot(offset) + node.radius <= 0.0 {
             return 0.0;
         }
-        if !view.windows.is_empty() && !view.windows.iter().any(|w| w.may_show(offset, node.radius)) {
+        if !view.windows.may_show(offset, node.radius) {
             return 0.0;
         }
         let distance = offset.length();

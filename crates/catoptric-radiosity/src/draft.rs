@@ -4,10 +4,11 @@
 //! one with a single marked edge is halved, and halves are forgotten before the next round, so that shapes never
 //! degenerate and the mesh has no T-vertices.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 use glam::{DVec2, Vec3};
 use rayon::prelude::*;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 use catoptric_light::Receiver;
 use catoptric_scene::{Barycentric, TriangleId};
@@ -70,10 +71,10 @@ pub struct Draft {
     pub medium_of_root: Vec<MediumId>,
     /// Corners of each base triangle.
     pub base: Vec<[u32; 3]>,
-    midpoints: HashMap<(u32, u32), u32>,
+    midpoints: FxHashMap<(u32, u32), u32>,
     /// A face that holds an edge, on curved surfaces: its ends alone may belong to other triangles.
-    curved_edges: HashMap<(u32, u32), u32>,
-    marked: std::collections::HashSet<(u32, u32)>,
+    curved_edges: FxHashMap<(u32, u32), u32>,
+    marked: FxHashSet<(u32, u32)>,
 }
 
 /// A draft as both passes read it.
@@ -232,7 +233,7 @@ impl Draft {
 
     /// Draws the gathering points of flat border vertices inside.
     fn inset_borders(&mut self) {
-        let mut count: HashMap<(u32, u32), u32> = HashMap::new();
+        let mut count: FxHashMap<(u32, u32), u32> = FxHashMap::default();
         for leaf in &self.leaves {
             for k in 0..3 {
                 *count.entry(edge(leaf.vertices[k], leaf.vertices[(k + 1) % 3])).or_default() += 1;

@@ -11,7 +11,7 @@ use catoptric_scene::{Rgb, Side, TriangleId};
 use catoptric_solution::DisplayMesh;
 use catoptric_trace::sequence::{Key, cosine_hemisphere, frame};
 use catoptric_trace::walk::{self, Arrival, End, WalkParams};
-use catoptric_trace::{Chain, Ledger, MediumId, MediumStack, Ray, Tracer};
+use catoptric_trace::{Chain, Hit, Ledger, MediumId, MediumStack, Ray, Tracer};
 
 /// Irradiance that hemisphere rays found, by the class of the path from its source.
 #[derive(Clone, Copy, Debug, Default)]
@@ -225,8 +225,14 @@ pub struct Surroundings {
 /// Share of rays that meet black backs beyond which a place counts as hidden: a place beside a single sheet sees half.
 const HIDDEN_SHARE: f32 = 0.9;
 
-/// Looks around with `rays` hemisphere rays.
-pub fn look_around(tracer: &Tracer, receiver: &Receiver, rays: u32, key: Key) -> Surroundings {
+/// Looks around with `rays` hemisphere rays; `visit` is told what each meets and where.
+pub fn look_around(
+    tracer: &Tracer,
+    receiver: &Receiver,
+    rays: u32,
+    key: Key,
+    mut visit: impl FnMut(&Hit, Vec3),
+) -> Surroundings {
     let (tangent, bitangent) = frame(receiver.normal);
     let mut inverse = 0.0_f32;
     let mut backs = 0;
@@ -235,6 +241,7 @@ pub fn look_around(tracer: &Tracer, receiver: &Receiver, rays: u32, key: Key) ->
         let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
         let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
         if let Some(hit) = tracer.nearest(&ray, f32::INFINITY) {
+            visit(&hit, ray.origin + ray.direction * hit.t);
             inverse += 1.0 / hit.t.max(1e-6);
             backs += u32::from(hit.back && tracer.is_culled_from_behind(hit.triangle));
         }

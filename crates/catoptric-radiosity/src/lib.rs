@@ -13,6 +13,7 @@ pub mod frames;
 pub mod gather;
 pub mod media;
 pub mod method;
+pub mod near;
 pub mod patch;
 pub mod reconstruct;
 pub mod refine;

@@ -17,8 +17,8 @@ use crate::draft::{Displayed, Draft};
 use crate::final_gather::{Coarse, HIDDEN_TRUST, Sight, final_gather};
 use crate::fit::{FitParams, FitSample, fit};
 use crate::frames::Frames;
-use crate::gather::{Surroundings, look_around};
 use crate::method::ElementSet;
+use crate::near::{Near, NearParams};
 use crate::patch::{PatchId, PatchMesh};
 use crate::reconstruct::{Cells, Reconstruction, unshared};
 use crate::refine::{Field, RefineParams, Values, refine};
@@ -61,11 +61,8 @@ pub struct SolveParams {
     pub vertex_rays: u32,
     /// Gathers inside a base element.
     pub gather_points: f32,
-    /// Edges are split for the gather where they are longer than this multiple of the harmonic mean distance of what is
-    /// seen from them.
-    pub near: f32,
-    /// Times.
-    pub near_rounds: u32,
+    /// The mesh of the gathers where surfaces are near to each other.
+    pub near: NearParams,
     /// The least-squares fit of the gathers; its smoothing is a multiple of the base edge length.
     pub gather_fit: FitParams,
     /// Light-side rays.
@@ -103,8 +100,12 @@ impl SolveParams {
             gather_rays,
             vertex_rays: gather_rays * 2 / 3,
             gather_points: 4.0,
-            near: 1.5,
-            near_rounds,
+            near: NearParams {
+                ratio: 1.5,
+                rounds: near_rounds,
+                detail_rounds: near_rounds + 2,
+                detail_share: 1.0,
+            },
             gather_fit: FitParams { prior: 0.1, smoothing: 0.06, ..FitParams::default() },
             solver: SolverParams::default(),
             coarse: CoarseParams::default(),
@@ -218,7 +219,7 @@ impl Field for SourceField<'_> {
 /// Vertices of fine meshes share samples of sources, and gathers, in cubes of this multiple of the spacing.
 const SOURCE_CELL: f32 = 0.25;
 /// … and gathers in cubes of this.
-const GATHER_CELL: f32 = 0.5;
+const GATHER_CELL: f32 = 0.125;
 /// Groups that share, per vertex of the budget, at most.
 const SHARED_PER_VERTEX: usize = 4;
 
@@ -240,8 +241,9 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     progress.advance(1);
 
     // Finer where other surfaces are near: that is the mesh of the gathers.
+    let near = Near::new(tracer, &draft, &base, spacing, params.seed);
     let mesh_of_gathers = {
-        refine_near(tracer, &mut draft, params, spacing);
+        near.refine(tracer, &mut draft, &params.near, spacing, params.seed);
         draft.clone()
     };
 
@@ -272,7 +274,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         })
     });
     let displayed = draft.display(tracer);
-    let hidden = hidden_vertices(tracer, &draft, &values.sharing, params.seed);
+    let hidden = near.hidden_vertices(&draft);
     fit_sources(&lights, &draft, &displayed, &hidden, &mut sources, params, spacing, progress)?;
     for &v in &displayed.origin {
         values.values[v as usize] = sources[v as usize].sum();
@@ -513,72 +515,6 @@ fn mean_ledger(patches: &PatchMesh, rows: &[Row]) -> Ledger {
         sum.add(&row.ledger.scaled(share));
     }
     sum
-}
-
-/// Splits edges along which other surfaces are near: the irradiance from them bends on the scale of their distance.
-fn refine_near(tracer: &Tracer, draft: &mut Draft, params: &SolveParams, spacing: f32) {
-    let mut distances: Vec<f32> = Vec::new();
-    for round in 0..params.near_rounds {
-        let shortest = spacing * 0.5_f32.powi(round as i32 + 1);
-        // Only the ends of edges that may be split are asked.
-        let mut asked = vec![false; draft.vertices.len()];
-        for (a, b) in draft.edges() {
-            let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
-            if (y - x).length() > shortest {
-                asked[a as usize] = true;
-                asked[b as usize] = true;
-            }
-        }
-        distances.resize(draft.vertices.len(), f32::NAN);
-        distances.par_iter_mut().enumerate().with_min_len(16).for_each(|(vertex, distance)| {
-            if asked[vertex] && distance.is_nan() {
-                *distance = surroundings(tracer, draft, vertex as u32, AROUND, params.seed).distance;
-            }
-        });
-        let marks: Vec<(u32, u32)> = draft
-            .edges()
-            .into_iter()
-            .filter(|&(a, b)| {
-                let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
-                let length = (y - x).length();
-                length > shortest && length > params.near * distances[a as usize].min(distances[b as usize])
-            })
-            .collect();
-        if marks.is_empty() {
-            return;
-        }
-        draft.split(tracer, &marks);
-    }
-}
-
-/// Rays by which a vertex looks around, and one of a fine mesh.
-const AROUND: u32 = 32;
-const AROUND_FINE: u32 = 8;
-
-/// What a vertex sees first.
-fn surroundings(tracer: &Tracer, draft: &Draft, vertex: u32, rays: u32, seed: u32) -> Surroundings {
-    let key = Key::new(seed, Purpose::Hemisphere, u64::from(vertex) | 1 << 41);
-    look_around(tracer, &draft.receiver(tracer, vertex), rays, key)
-}
-
-/// Which draft vertices nobody can see: all of their base, then those between two hidden ones.
-fn hidden_vertices(tracer: &Tracer, draft: &Draft, sharing: &Sharing, seed: u32) -> Vec<bool> {
-    let own: Vec<bool> = (0..draft.vertices.len() as u32)
-        .into_par_iter()
-        .with_min_len(16)
-        .map(|v| {
-            let rays = if sharing.shares(v) { AROUND_FINE } else { AROUND };
-            draft.vertices[v as usize].parents.is_none() && surroundings(tracer, draft, v, rays, seed).hidden
-        })
-        .collect();
-    let mut hidden: Vec<bool> = Vec::with_capacity(own.len());
-    for (vertex, own) in draft.vertices.iter().zip(own) {
-        hidden.push(match vertex.parents {
-            None => own,
-            Some([a, b]) => hidden[a as usize] && hidden[b as usize],
-        });
-    }
-    hidden
 }
 
 /// Fills every vertex of the display mesh with every term.

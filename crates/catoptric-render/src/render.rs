@@ -36,6 +36,8 @@ pub struct RenderParams {
     pub edge_samples: u32,
     /// Differences of displayed luminance between neighbours, relative, that call for more samples.
     pub contrast: f32,
+    /// Standard error of a pixel on an edge, relative to its luminance, that calls for [`NOISY_SHARE`] times as many samples.
+    pub noise: f32,
     /// Write the light layers and the data layers (albedo, normal, depth, ids) beside the beauty.
     pub layers: bool,
 }
@@ -56,6 +58,7 @@ impl RenderParams {
             seed: 0,
             edge_samples,
             contrast: 0.1,
+            noise: 0.2,
             layers: false,
         }
     }
@@ -170,6 +173,9 @@ fn shoot(
     eye.sample(origin + direction * camera.near, direction, key, scratch)
 }
 
+/// Samples of a noisy pixel (the rim of a glass, with lamps in it) for each of one on an edge.
+const NOISY_SHARE: u32 = 4;
+
 /// The mean of a pixel's own grid of samples (box filter).
 fn resample(
     eye: &Eye,
@@ -181,12 +187,26 @@ fn resample(
 ) -> Pixel {
     let key = Key::new(params.seed, Purpose::Pixel, (at.1 * params.width + at.0) as u64).child(1);
     let mut light = LightLayers::default();
-    for index in 0..params.edge_samples {
+    let (mut sum, mut squares) = (0.0_f32, 0.0_f32);
+    let mut count = params.edge_samples;
+    let mut index = 0;
+    while index < count {
         let offset = key.point2(index);
         let sample = shoot(eye, camera, params, at, (offset.x, offset.y), key.child(index), scratch);
         light.accumulate(&sample.light);
+        let luminance = sample.light.beauty().dot(LUMINANCE);
+        sum += luminance;
+        squares += luminance * luminance;
+        index += 1;
+        if index == params.edge_samples {
+            // The squared standard error of the mean is (Σl² − (Σl)²/n) / n².
+            let n = index as f32;
+            if squares - sum * sum / n > (params.noise * sum).powi(2) {
+                count = NOISY_SHARE * params.edge_samples;
+            }
+        }
     }
-    light.scale(1.0 / params.edge_samples.max(1) as f32);
+    light.scale(1.0 / index.max(1) as f32);
     Pixel { light, ..*first }
 }
 

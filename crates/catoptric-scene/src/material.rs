@@ -162,6 +162,20 @@ impl Material {
         self.emission.0.max_element() > 0.0 && !self.unlit
     }
 
+    /// Whether anything about it varies over the surface.
+    pub fn has_textures(&self) -> bool {
+        let textures = [
+            self.base_texture,
+            self.metallic_roughness_texture,
+            self.specular_texture,
+            self.clearcoat_texture,
+            self.transmission_texture,
+            self.emission_texture,
+        ];
+        let normals = [self.normal_texture, self.clearcoat_normal_texture];
+        textures.iter().any(Option::is_some) || normals.iter().any(Option::is_some)
+    }
+
     /// The normal map of the outermost interface, in whose direction mirrors reflect: a clearcoat has its own, or is even.
     pub fn outer_normal_texture(&self) -> Option<(TextureRef, f32)> {
         if self.clearcoat > 0.0 { self.clearcoat_normal_texture } else { self.normal_texture }

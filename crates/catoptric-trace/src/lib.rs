@@ -3,6 +3,7 @@
 //! Does not know patches, meshes for display, solvers or cameras. The interaction of light with a surface exists once,
 //! in [`interaction`]; every pass drives it through [`walk`].
 
+pub mod beam;
 pub mod boxes;
 pub mod chain;
 pub mod fresnel;

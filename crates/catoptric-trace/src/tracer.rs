@@ -1,9 +1,12 @@
 //! Hits and occlusion in a scene.
 
+use std::ops::Range;
+
 use glam::Vec3;
 
 use catoptric_scene::{AlphaMode, Barycentric, Rgb, Scene, Transmission, TriangleId};
 
+use crate::beam::Pyramid;
 use crate::fresnel::{self, DiffuseFresnel};
 use crate::medium::Media;
 use crate::plane::{PlaneId, Planes};
@@ -51,6 +54,8 @@ impl Hit {
     }
 }
 
+/// Each pass crosses one plane; a hundred layers of panes are opaque.
+const MAX_LAYERS: u32 = 128;
 /// Planes with images, at most: chains grow with a power of their number.
 const MAX_IMAGE_PLANES: usize = 32;
 /// Reflecting planes below this share of the scene's reflecting and diffuse area count as facets of curved things.
@@ -255,6 +260,35 @@ impl<'a> Tracer<'a> {
         }
     }
 
+    /// Share of light that gets straight from `origin` along `direction` to the first of `triangles` that it meets: 0 where
+    /// it meets none.
+    pub fn reaches(&self, origin: Vec3, from: PlaneId, direction: Vec3, triangles: &Range<u32>) -> Rgb {
+        let mut share = Rgb::ONE;
+        let mut ray = Ray { origin, direction, from };
+        let unit = direction.normalize_or_zero();
+        for _ in 0..MAX_LAYERS {
+            let Some(hit) = self.nearest(&ray, f32::INFINITY) else { return Rgb::ZERO };
+            if triangles.contains(&hit.triangle.0) {
+                return share;
+            }
+            if !self.passes_anything {
+                return Rgb::ZERO;
+            }
+            share *= self.straight_through(unit, &hit);
+            if share.max_element() <= 0.0 {
+                return Rgb::ZERO;
+            }
+            ray.origin += direction * hit.t;
+            ray.from = self.planes.of(hit.triangle);
+        }
+        Rgb::ZERO
+    }
+
+    /// Whether nothing at all lies in a pyramid. On the safe side: `true` is certain.
+    pub fn is_empty_in(&self, pyramid: &Pyramid) -> bool {
+        self.tree.is_empty_in(pyramid)
+    }
+
     /// Share of light that gets straight from `origin` out of the scene along `direction`.
     #[inline]
     pub fn visibility_to_infinity(&self, origin: Vec3, from: PlaneId, direction: Vec3) -> Rgb {
@@ -283,8 +317,7 @@ impl<'a> Tracer<'a> {
         let mut share = Rgb::ONE;
         let mut remaining = length;
         let unit = direction.normalize_or_zero();
-        // Each pass crosses one plane; a hundred layers of panes are opaque.
-        for _ in 0..128 {
+        for _ in 0..MAX_LAYERS {
             let probe = Probe::new(origin, direction, [from, to]);
             let Some(nearest) = self.tree.nearest(&probe, remaining, |n| self.is_solid_here(n)) else {
                 return share;

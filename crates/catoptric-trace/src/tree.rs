@@ -33,33 +33,44 @@ pub(crate) struct Facet {
 
 /// Four boxes, one per child.
 #[derive(Clone, Copy, Debug)]
-struct Node {
-    min: [Vec4; 3],
-    max: [Vec4; 3],
+pub(crate) struct Node {
+    pub(crate) min: [Vec4; 3],
+    pub(crate) max: [Vec4; 3],
     /// `LEAF | first packet << 4 | packets`, or the index of a node.
-    children: [u32; 4],
+    pub(crate) children: [u32; 4],
     /// Bit per slot in use.
-    used: u32,
+    pub(crate) used: u32,
 }
 
-const LEAF: u32 = 1 << 31;
+/// Tells a leaf among the children of a node.
+pub(crate) const LEAF: u32 = 1 << 31;
 /// A leaf names its first packet in 27 bits and its number of packets in 4.
 const COUNT_BITS: u32 = 4;
 
+/// The packets of a leaf.
+#[inline(always)]
+pub(crate) fn leaf(child: u32) -> std::ops::Range<usize> {
+    let first = ((child & !LEAF) >> COUNT_BITS) as usize;
+    first..first + (child & ((1 << COUNT_BITS) - 1)) as usize
+}
+
 /// Four triangles side by side.
 #[derive(Clone, Copy, Debug)]
-struct Packet {
-    corners: [[Vec4; 3]; 3],
-    ids: [u32; 4],
-    planes: [u32; 4],
+pub(crate) struct Packet {
+    pub(crate) corners: [[Vec4; 3]; 3],
+    /// `u32::MAX` in lanes that are not in use.
+    pub(crate) ids: [u32; 4],
+    pub(crate) planes: [u32; 4],
     flags: [u8; 4],
 }
 
 /// The tree.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tree {
-    nodes: Vec<Node>,
-    packets: Vec<Packet>,
+    pub(crate) nodes: Vec<Node>,
+    pub(crate) packets: Vec<Packet>,
+    /// What the boxes are larger than their triangles, metres.
+    pub(crate) padding: f32,
 }
 
 /// What a ray brings to the traversal.
@@ -150,7 +161,7 @@ impl Tree {
         );
         ReinsertionOptimizer::default().run(&mut binary, 0.15, None);
         leaf_collapser::collapse(&mut binary, 8, 2.5);
-        let mut tree = Self::default();
+        let mut tree = Self { padding, ..Self::default() };
         tree.collapse(&binary, facets);
         tree
     }
@@ -274,9 +285,7 @@ impl Tree {
                     continue 'descend;
                 }
             } else {
-                let first = ((current & !LEAF) >> COUNT_BITS) as usize;
-                let count = (current & ((1 << COUNT_BITS) - 1)) as usize;
-                for packet in &self.packets[first..first + count] {
+                for packet in &self.packets[leaf(current)] {
                     match visit(packet, limit) {
                         Some(nearer) => limit = nearer,
                         None => return,

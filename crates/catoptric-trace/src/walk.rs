@@ -246,25 +246,48 @@ pub fn follow(
     if to != PlaneId::NONE && planes.last() == Some(&to) {
         return Rgb::ZERO;
     }
+    let Some(left) = over_mirrors(tracer, origin, from, planes, targets) else { return Rgb::ZERO };
+    left.throughput * tracer.visibility(left.origin, left.from, left.target, to)
+}
+
+/// What is left of a path behind its last mirror.
+#[derive(Clone, Copy, Debug)]
+pub struct Left {
+    /// Where it leaves the mirror.
+    pub origin: Vec3,
+    /// The mirror's plane.
+    pub from: PlaneId,
+    /// The point on the light.
+    pub target: Vec3,
+    /// Power throughput so far.
+    pub throughput: Rgb,
+}
+
+/// The first part of [`follow`], up to the last mirror; `None` where a mirror is missed or something blocks.
+pub fn over_mirrors(
+    tracer: &Tracer,
+    origin: Vec3,
+    from: PlaneId,
+    planes: &[PlaneId],
+    targets: &[Vec3],
+) -> Option<Left> {
     let mut throughput = Rgb::ONE;
     let mut ray = Ray { origin, direction: Vec3::ZERO, from };
     for (&plane, &target) in planes.iter().zip(targets) {
         let aim = (target - ray.origin).normalize_or_zero();
         // A target behind the last mirror is not seen in it.
         if aim.dot(ray.direction) < 0.0 {
-            return Rgb::ZERO;
+            return None;
         }
         ray.direction = aim;
         // Straight on through whatever lets light pass, up to the mirror.
         let mut crossings = 0;
         loop {
-            let Some(hit) = tracer.nearest(&ray, f32::INFINITY) else { return Rgb::ZERO };
+            let hit = tracer.nearest(&ray, f32::INFINITY)?;
             let interaction = tracer.interact(ray.direction, &hit, MediumStack::AIR);
             let here = tracer.planes().of(hit.triangle);
             let wanted = if here == plane { Event::Planar(plane) } else { Event::Undeviated };
-            let Some(branch) = interaction.branches().iter().find(|b| b.event == wanted) else {
-                return Rgb::ZERO;
-            };
+            let branch = interaction.branches().iter().find(|b| b.event == wanted)?;
             throughput *= branch.throughput;
             ray = Ray { origin: ray.origin + ray.direction * hit.t, direction: branch.direction, from: here };
             crossings += 1;
@@ -272,15 +295,13 @@ pub fn follow(
                 break;
             }
             if crossings > 64 {
-                return Rgb::ZERO;
+                return None;
             }
         }
     }
-    match targets.last() {
-        Some(&target) if (target - ray.origin).dot(ray.direction) < 0.0 => Rgb::ZERO,
-        Some(&target) => throughput * tracer.visibility(ray.origin, ray.from, target, to),
-        None => Rgb::ZERO,
-    }
+    let target = *targets.last()?;
+    let ahead = (target - ray.origin).dot(ray.direction) >= 0.0;
+    ahead.then_some(Left { origin: ray.origin, from: ray.from, target, throughput })
 }
 
 pub mod split {

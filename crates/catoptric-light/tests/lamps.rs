@@ -1,0 +1,185 @@
+//! Lamps against their facets, and empty pyramids against shadow rays.
+
+use catoptric_light::emitter::Emitters;
+use catoptric_light::irradiance::Scratch;
+use catoptric_light::{LightParams, Lights, Receiver, contour};
+use catoptric_scene::{
+    Barycentric, Material, MaterialId, Radiance, Rgb, Scene, SceneParts, Side, TriangleId,
+};
+use catoptric_trace::PlaneId;
+use catoptric_trace::Tracer;
+use catoptric_trace::beam::{Base, End, Pyramid};
+use catoptric_trace::sequence::{Key, Purpose};
+use glam::{DVec3, Vec3};
+
+fn glowing(parts: &mut SceneParts) -> MaterialId {
+    parts.add_material(Material::emitter("glowing", Radiance(Rgb::splat(3.0))))
+}
+
+fn white(parts: &mut SceneParts) -> MaterialId {
+    parts.add_material(Material::lambertian("white", Rgb::splat(0.5)))
+}
+
+fn point(key: Key, index: u32) -> Vec3 {
+    let [a, b] = [key.point2(index), key.child(1).point2(index)];
+    Vec3::new(a.x, a.y, b.x) * 2.0 - 1.0
+}
+
+fn receiver(tracer: &Tracer, position: Vec3, normal: Vec3) -> Receiver {
+    let last = TriangleId(tracer.scene().triangles().len() as u32 - 1);
+    let on = Receiver::on(tracer, last, Side::Front, Barycentric { u: 0.3, v: 0.3 });
+    Receiver { position, plane: PlaneId::NONE, normal, geometric: normal, ..on }
+}
+
+/// A convex body is its outline: the light of a ball and of a box, straight and cut by the horizon, is the sum over their
+/// facets, wherever the receiver is. Both are f64 from the same corners, so only roundings differ.
+#[test]
+fn a_lamp_shines_as_its_facets_do() {
+    for (name, ball) in [("ball", true), ("box", false)] {
+        let mut parts = SceneParts::default();
+        let material = glowing(&mut parts);
+        if ball {
+            parts.add_sphere("lamp", material, Vec3::ZERO, 0.3, 12);
+        } else {
+            parts.add_box("lamp", material, Vec3::splat(-0.25), Vec3::new(0.1, 0.3, 0.2), false);
+        }
+        let scrap = white(&mut parts);
+        parts.add_quad("scrap", scrap, Vec3::Y * -50.0, Vec3::Z, Vec3::X);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let lights = Lights::new(&tracer, LightParams::default());
+        assert_eq!(lights.emitters().lamps().len(), 1, "{name}");
+        let (mut scratch, key) = (Scratch::default(), Key::new(1, Purpose::Test, 0));
+        let mut lit = 0;
+        for index in 0..2000 {
+            let position = point(key, index);
+            let normal = point(key.child(7), index).normalize_or(Vec3::Y);
+            let (p, n) = (position.as_dvec3(), normal.as_dvec3());
+            let faces = |c: &&catoptric_light::emitter::Cell| c.normal.dot(p - c.point(0.0, 0.0)) > 0.0;
+            let facets: f64 = lights
+                .emitters()
+                .cells()
+                .iter()
+                .filter(faces)
+                .map(|c| 3.0 * contour::irradiance(p, n, &c.polygon()))
+                .sum();
+            let inside = if ball { position.length() < 0.3 } else { facets == 0.0 };
+            if inside {
+                continue;
+            }
+            let found = lights.direct(&receiver(&tracer, position, normal), 16, key, &mut scratch);
+            lit += u32::from(facets > 0.0);
+            let found = f64::from(found.unoccluded.x);
+            assert!((found - facets).abs() < 1e-9 + 1e-6 * facets, "{name} {index}: {found} {facets}");
+        }
+        assert!(lit > 500, "{lit} of 2000 see the {name}");
+    }
+}
+
+/// Half of a ball below a ceiling, and a ball behind a screen with a straight edge: the light that is left is that of the
+/// facets that are left, within the error of stratified visibility at 4096 samples (perimeter of the edge over √n strata,
+/// about n^(−3/4)).
+#[test]
+fn a_lamp_is_covered_as_its_facets_are() {
+    let scene_of = |lamp: bool| {
+        let mut parts = SceneParts::default();
+        let material = glowing(&mut parts);
+        parts.add_sphere("lamp", material, Vec3::Y, 0.3, 16);
+        if !lamp {
+            // A dent of a ten-thousandth.
+            parts.vertices[100].position *= 0.999_9;
+        }
+        let wall = white(&mut parts);
+        parts.add_quad("ceiling", wall, Vec3::new(-2.0, 1.0, -2.0), Vec3::X * 4.0, Vec3::Z * 4.0);
+        parts.add_quad("screen", wall, Vec3::new(0.05, 0.2, -2.0), Vec3::Y * 0.4, Vec3::Z * 4.0);
+        Scene::new(parts).expect("a valid scene")
+    };
+    let (with, without) = (scene_of(true), scene_of(false));
+    let (with, without) = (Tracer::new(&with), Tracer::new(&without));
+    let lights = [&with, &without].map(|t| Lights::new(t, LightParams::default()));
+    assert_eq!(lights.each_ref().map(|l| l.emitters().lamps().len()), [1, 0]);
+    let (mut scratch, key) = (Scratch::default(), Key::new(2, Purpose::Test, 0));
+    for index in 0..60 {
+        let at = point(key, index);
+        let position = Vec3::new(at.x, 0.0, at.z);
+        let [a, b] = lights.each_ref().map(|l| {
+            let receiver = receiver(l.tracer(), position, Vec3::Y);
+            l.direct(&receiver, 4096, key.child(index), &mut scratch).irradiance.x
+        });
+        assert!((a - b).abs() < 0.01 * b.max(a) + 1e-4, "{position}: {a} {b}");
+    }
+}
+
+/// What says that it is empty is: no shadow ray in it is blocked. And it says so of most that are.
+#[test]
+fn an_empty_pyramid_has_no_shadow() {
+    let mut parts = SceneParts::default();
+    let wall = white(&mut parts);
+    parts.add_box("room", wall, Vec3::splat(-1.0), Vec3::ONE, true);
+    parts.add_box("block", wall, Vec3::new(-0.5, -1.0, -0.3), Vec3::new(0.0, -0.2, 0.3), false);
+    parts.add_sphere("ball", wall, Vec3::new(0.5, -0.7, 0.2), 0.3, 16);
+    let scene = Scene::new(parts).expect("a valid scene");
+    let tracer = Tracer::new(&scene);
+    let key = Key::new(4, Purpose::Test, 0);
+    let lamp = [(0.2, 0.2), (0.6, 0.2), (0.6, 0.6), (0.2, 0.6)].map(|(x, z)| DVec3::new(x, 0.99, z));
+    let base = Base::around(&lamp).expect("a polygon");
+    let (mut empty, mut unblocked, mut blocked) = (0, 0, 0);
+    for index in 0..3000 {
+        // On the floor and on the walls, in their planes.
+        let at = point(key, index);
+        let (position, normal) = if index % 2 == 0 {
+            (Vec3::new(at.x, -1.0, at.z), Vec3::Y)
+        } else {
+            (Vec3::new(-1.0, at.y, at.z), Vec3::X)
+        };
+        let triangle = (0..scene.triangles().len() as u32)
+            .map(TriangleId)
+            .find(|&t| {
+                scene.geometric_normal(t).dot(normal) > 0.99
+                    && (scene.corners(t)[0] - position).dot(normal).abs() < 1e-6
+            })
+            .expect("a wall");
+        let from = tracer.planes().of(triangle);
+        let eye = position.as_dvec3();
+        let near = End::new(eye, normal.as_dvec3(), from);
+        let far = End::behind(&base, eye, PlaneId::NONE).expect("a polygon");
+        let says = Pyramid::new(eye, &base, near, far, 0..0).is_some_and(|p| tracer.is_empty_in(&p));
+        let seen = (0..256).all(|ray| {
+            let at = key.child(9).child(index).point2(ray);
+            let target = Vec3::new(0.2 + 0.4 * at.x, 0.99, 0.2 + 0.4 * at.y);
+            tracer.visibility(position, from, target, PlaneId::NONE) != Rgb::ZERO
+        });
+        assert!(seen || !says, "{position} is said to see all of the lamp");
+        empty += u32::from(says);
+        unblocked += u32::from(seen);
+        blocked += u32::from(!seen);
+    }
+    assert!(blocked > 500, "{blocked} in shadow");
+    assert!(empty * 10 > unblocked * 9, "{empty} of {unblocked} without shadow are told");
+}
+
+#[test]
+fn what_is_open_or_dented_or_many_is_no_lamp() {
+    let lamps = |build: &dyn Fn(&mut SceneParts, MaterialId)| {
+        let mut parts = SceneParts::default();
+        let material = glowing(&mut parts);
+        build(&mut parts, material);
+        let scene = Scene::new(parts).expect("a valid scene");
+        Emitters::new(&Tracer::new(&scene)).lamps().len()
+    };
+    assert_eq!(lamps(&|p, m| p.add_sphere("ball", m, Vec3::ZERO, 1.0, 8)), 1);
+    // Inside out it lights its inside.
+    assert_eq!(lamps(&|p, m| p.add_box("room", m, Vec3::ZERO, Vec3::ONE, true)), 0);
+    assert_eq!(lamps(&|p, m| p.add_quad("sheet", m, Vec3::ZERO, Vec3::X, Vec3::Z)), 0);
+    let dented = |p: &mut SceneParts, m| {
+        p.add_sphere("ball", m, Vec3::ZERO, 1.0, 8);
+        p.vertices[20].position *= 0.8;
+    };
+    assert_eq!(lamps(&dented), 0);
+    let many = |p: &mut SceneParts, m| {
+        for index in 0..40 {
+            p.add_sphere(&format!("ball {index}"), m, Vec3::X * index as f32, 0.3, 6);
+        }
+    };
+    assert_eq!(lamps(&many), 0);
+}

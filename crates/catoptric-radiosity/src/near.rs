@@ -1,0 +1,199 @@
+//! Where surfaces are near to each other: the mesh of the gathers is finer there, and what nobody can see is told.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use catoptric_scene::Side;
+use catoptric_trace::Tracer;
+use catoptric_trace::sequence::{Key, Purpose};
+
+use crate::draft::{Displayed, Draft};
+use crate::gather::{Surroundings, look_around};
+
+/// How fine the mesh of the gathers is where surfaces are near to each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NearParams {
+    /// Edges are split where they are longer than this multiple of the harmonic mean distance of what is seen from them.
+    pub ratio: f32,
+    /// Times.
+    pub rounds: u32,
+    /// Times that triangles are split which small things are near to.
+    pub detail_rounds: u32,
+    /// Triangles that this may add for each base triangle, about.
+    pub detail_share: f32,
+}
+
+/// Rays by which a vertex looks around, and one of a fine mesh.
+const AROUND: u32 = 32;
+const AROUND_FINE: u32 = 8;
+/// Edges below this multiple of the spacing belong to small things.
+const FINE: f32 = 0.25;
+
+/// A place that is seen from something small and near.
+struct Glimpse {
+    /// Base triangle.
+    root: u32,
+    position: Vec3,
+    /// Metres.
+    distance: f32,
+}
+
+/// What the base vertices see.
+pub struct Near {
+    around: Vec<Surroundings>,
+    glimpses: Vec<Glimpse>,
+}
+
+impl Near {
+    /// Has every vertex of an unrefined draft, shown as `base`, look around.
+    pub fn new(tracer: &Tracer, draft: &Draft, base: &Displayed, spacing: f32, seed: u32) -> Self {
+        let mut shortest = vec![f32::INFINITY; draft.vertices.len()];
+        let mut longest = vec![0.0_f32; draft.vertices.len()];
+        for (a, b) in draft.edges() {
+            let length = length(draft, a, b);
+            for v in [a as usize, b as usize] {
+                shortest[v] = shortest[v].min(length);
+                longest[v] = longest[v].max(length);
+            }
+        }
+        let found: Vec<(Surroundings, Vec<Glimpse>)> = (0..draft.vertices.len())
+            .into_par_iter()
+            .with_min_len(16)
+            .map(|vertex| {
+                let rays = if longest[vertex] < FINE * spacing { AROUND_FINE } else { AROUND };
+                let small = shortest[vertex] < FINE * spacing;
+                let mut glimpses = Vec::new();
+                let around = surroundings(tracer, draft, vertex as u32, rays, seed, |hit, position| {
+                    if !small || hit.t > spacing {
+                        return;
+                    }
+                    let side = if hit.back { Side::Back } else { Side::Front };
+                    if let Some(located) = base.mesh.locate(hit.triangle, side, position) {
+                        let root = base.roots[located.element as usize];
+                        glimpses.push(Glimpse { root, position, distance: hit.t });
+                    }
+                });
+                (around, glimpses)
+            })
+            .collect();
+        let mut near = Self { around: Vec::with_capacity(found.len()), glimpses: Vec::new() };
+        for (around, glimpses) in found {
+            near.around.push(around);
+            near.glimpses.extend(glimpses);
+        }
+        near.glimpses.sort_by_key(|g| g.root);
+        near
+    }
+
+    /// Splits edges along which other surfaces are near (the irradiance from them bends on the scale of their distance), and
+    /// then triangles that small things are near to, which no vertex of theirs may notice: a ball on a table.
+    pub fn refine(&self, tracer: &Tracer, draft: &mut Draft, params: &NearParams, spacing: f32, seed: u32) {
+        let mut distances: Vec<f32> = self.around.iter().map(|a| a.distance).collect();
+        let roots = draft.leaves.len();
+        for round in 0..params.rounds {
+            let shortest = spacing * 0.5_f32.powi(round as i32 + 1);
+            // Only the ends of edges that may be split are asked.
+            let mut asked = vec![false; draft.vertices.len()];
+            for (a, b) in draft.edges() {
+                if length(draft, a, b) > shortest {
+                    asked[a as usize] = true;
+                    asked[b as usize] = true;
+                }
+            }
+            distances.resize(draft.vertices.len(), f32::NAN);
+            distances.par_iter_mut().enumerate().with_min_len(16).for_each(|(vertex, distance)| {
+                if asked[vertex] && distance.is_nan() {
+                    *distance = surroundings(tracer, draft, vertex as u32, AROUND, seed, |_, _| {}).distance;
+                }
+            });
+            let marks: Vec<(u32, u32)> = draft
+                .edges()
+                .into_iter()
+                .filter(|&(a, b)| {
+                    let length = length(draft, a, b);
+                    length > shortest
+                        && length > params.ratio * distances[a as usize].min(distances[b as usize])
+                })
+                .collect();
+            if marks.is_empty() {
+                break;
+            }
+            draft.split(tracer, &marks);
+        }
+        let limit = draft.leaves.len() + (params.detail_share * roots as f32) as usize;
+        for round in 0..params.detail_rounds {
+            let shortest = spacing * 0.5_f32.powi(round as i32 + 1);
+            let marks = self.marks(draft, params.ratio, shortest, limit.saturating_sub(draft.leaves.len()));
+            if marks.is_empty() {
+                break;
+            }
+            draft.split(tracer, &marks);
+        }
+    }
+
+    /// Edges of the triangles that are large beside the distance of something small, as many as `room` allows.
+    fn marks(&self, draft: &Draft, ratio: f32, shortest: f32, room: usize) -> Vec<(u32, u32)> {
+        let mut large: Vec<(f32, u32)> = draft
+            .leaves
+            .par_iter()
+            .enumerate()
+            .with_min_len(64)
+            .filter_map(|(index, leaf)| {
+                let [a, b, c] = leaf.vertices.map(|v| draft.vertices[v as usize].position);
+                let size = (b - a).length().max((c - b).length()).max((a - c).length());
+                let start = self.glimpses.partition_point(|g| g.root < leaf.root);
+                let own = self.glimpses[start..].iter().take_while(|g| g.root == leaf.root);
+                let nearest = own
+                    .filter(|g| is_inside(g.position, [a, b, c]))
+                    .map(|g| g.distance)
+                    .fold(f32::INFINITY, f32::min);
+                (size > shortest && size > ratio * nearest).then_some((size / nearest, index as u32))
+            })
+            .collect();
+        // The worst first. Each triangle becomes four, and its neighbours are halved.
+        large.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
+        large.truncate(room / 5);
+        large
+            .iter()
+            .flat_map(|&(_, leaf)| {
+                let [a, b, c] = draft.leaves[leaf as usize].vertices;
+                [(a, b), (b, c), (c, a)]
+            })
+            .collect()
+    }
+
+    /// Which draft vertices nobody can see: all of their base, then those between two hidden ones.
+    pub fn hidden_vertices(&self, draft: &Draft) -> Vec<bool> {
+        let mut hidden: Vec<bool> = Vec::with_capacity(draft.vertices.len());
+        for (index, vertex) in draft.vertices.iter().enumerate() {
+            hidden.push(match vertex.parents {
+                None => self.around.get(index).is_some_and(|a| a.hidden),
+                Some([a, b]) => hidden[a as usize] && hidden[b as usize],
+            });
+        }
+        hidden
+    }
+}
+
+fn length(draft: &Draft, a: u32, b: u32) -> f32 {
+    (draft.vertices[a as usize].position - draft.vertices[b as usize].position).length()
+}
+
+/// Whether the foot of a point's perpendicular on a triangle lies inside of it.
+fn is_inside(point: Vec3, [a, b, c]: [Vec3; 3]) -> bool {
+    let normal = (b - a).cross(c - a);
+    [(a, b), (b, c), (c, a)].iter().all(|(p, q)| (*q - *p).cross(point - *p).dot(normal) >= 0.0)
+}
+
+/// What a vertex sees first.
+fn surroundings(
+    tracer: &Tracer,
+    draft: &Draft,
+    vertex: u32,
+    rays: u32,
+    seed: u32,
+    visit: impl FnMut(&catoptric_trace::Hit, Vec3),
+) -> Surroundings {
+    let key = Key::new(seed, Purpose::Hemisphere, u64::from(vertex) | 1 << 41);
+    look_around(tracer, &draft.receiver(tracer, vertex), rays, key, visit)
+}

@@ -1,0 +1,248 @@
+//! Whether a pyramid is empty: from a point to a polygon, such as all shadow rays from a receiver to a lamp at once.
+//!
+//! Source: shaft culling (Haines & Wallace 1994), with a point for one of the two ends. The answer is on the safe side:
+//! "empty" is certain, and what only comes near counts as in the way. Keys in docs/references.md: HainesWallace1994.
+
+use std::ops::Range;
+
+use glam::{DVec2, DVec3, Vec3, Vec4};
+
+use crate::plane::{Plane, PlaneId};
+use crate::tree::{LEAF, Node, Packet, Tree, leaf};
+
+/// Corners of a base, at most.
+const MAX_CORNERS: usize = 6;
+
+/// A convex polygon of few corners.
+#[derive(Clone, Copy, Debug)]
+pub struct Base {
+    corners: [DVec3; MAX_CORNERS],
+    count: usize,
+    center: DVec3,
+}
+
+impl Base {
+    /// A convex polygon, or a rectangle around it if it has many corners. `None` if it has no area.
+    pub fn around(polygon: &[DVec3]) -> Option<Self> {
+        let center = polygon.iter().sum::<DVec3>() / polygon.len() as f64;
+        let mut corners = [DVec3::ZERO; MAX_CORNERS];
+        if polygon.len() <= MAX_CORNERS {
+            corners[..polygon.len()].copy_from_slice(polygon);
+            return Some(Self { corners, count: polygon.len(), center });
+        }
+        let first = polygon[0];
+        let area: DVec3 = polygon.windows(2).map(|w| (w[0] - first).cross(w[1] - first)).sum();
+        let x = (first - center).try_normalize()?;
+        let y = area.try_normalize()?.cross(x);
+        let mut low = DVec2::INFINITY;
+        let mut high = DVec2::NEG_INFINITY;
+        for corner in polygon {
+            let at = DVec2::new(x.dot(*corner - center), y.dot(*corner - center));
+            low = low.min(at);
+            high = high.max(at);
+        }
+        for (corner, (s, t)) in
+            corners.iter_mut().zip([(low.x, low.y), (high.x, low.y), (high.x, high.y), (low.x, high.y)])
+        {
+            *corner = center + x * s + y * t;
+        }
+        Some(Self { corners, count: 4, center })
+    }
+
+    /// Its corners.
+    pub fn corners(&self) -> &[DVec3] {
+        &self.corners[..self.count]
+    }
+
+    /// Its mirror image.
+    pub fn reflected(mut self, plane: &Plane) -> Self {
+        for corner in &mut self.corners[..self.count] {
+            *corner = plane.reflect_point(*corner);
+        }
+        self.center = plane.reflect_point(self.center);
+        self
+    }
+}
+
+/// An end of a pyramid: inside is where normal · x is not below the offset.
+#[derive(Clone, Copy, Debug)]
+pub struct End {
+    normal: DVec3,
+    offset: f64,
+    /// Triangles in it are not in the way.
+    id: PlaneId,
+}
+
+impl End {
+    /// The plane through `point` with the unit `normal`, which points inside.
+    pub fn new(point: DVec3, normal: DVec3, id: PlaneId) -> Self {
+        Self { normal, offset: normal.dot(point), id }
+    }
+
+    /// The plane of `base`, whose inside is where `eye` is.
+    pub fn behind(base: &Base, eye: DVec3, id: PlaneId) -> Option<Self> {
+        let first = base.corners[0];
+        let area: DVec3 = base.corners().windows(2).map(|w| (w[0] - first).cross(w[1] - first)).sum();
+        let normal = area.try_normalize()?;
+        Some(Self::new(base.center, if normal.dot(eye - base.center) < 0.0 { -normal } else { normal }, id))
+    }
+
+    /// A mirror, whose inside is where `point` is.
+    pub fn mirror(plane: &Plane, id: PlaneId, point: DVec3) -> Self {
+        let sign = if plane.normal.dot(point) < plane.offset { -1.0 } else { 1.0 };
+        Self { normal: plane.normal * sign, offset: plane.offset * sign, id }
+    }
+
+    /// Where the line from `from` towards `to` meets it, if not before `from`.
+    fn meets(&self, from: DVec3, to: DVec3) -> DVec3 {
+        let (a, b) = (self.normal.dot(from) - self.offset, self.normal.dot(to) - self.offset);
+        if (a < 0.0) == (b < 0.0) { from } else { from.lerp(to, a / (a - b)) }
+    }
+}
+
+/// The part between two planes of the pyramid from an eye to a convex polygon.
+#[derive(Clone, Debug)]
+pub struct Pyramid {
+    /// Corners of a hull: the eye or the near end, then the base.
+    hull: [Vec3; 2 * MAX_CORNERS],
+    count: usize,
+    /// Outward normals and offsets: sides and ends.
+    planes: [(Vec3, f32); MAX_CORNERS + 2],
+    sides: usize,
+    min: Vec3,
+    max: Vec3,
+    ignore: [u32; 2],
+    /// Triangles that are not in the way: those of the light.
+    skip: Range<u32>,
+}
+
+impl Pyramid {
+    /// From `eye` to `base`, between the planes `near` and `far`; the triangles `skip` are not in the way. `None` where it is
+    /// too flat to tell inside from outside.
+    pub fn new(eye: DVec3, base: &Base, near: End, far: End, skip: Range<u32>) -> Option<Self> {
+        let mut planes = [(Vec3::ZERO, 0.0); MAX_CORNERS + 2];
+        let corners = base.corners();
+        for (index, &corner) in corners.iter().enumerate() {
+            let (a, b) = (corner - eye, corners[(index + 1) % corners.len()] - eye);
+            let side = a.cross(b).try_normalize()?;
+            let outward = if side.dot(base.center - eye) > 0.0 { -side } else { side };
+            planes[index] = (outward.as_vec3(), outward.dot(eye) as f32);
+        }
+        let sides = corners.len() + 2;
+        for (plane, end) in planes[corners.len()..].iter_mut().zip([near, far]) {
+            *plane = ((-end.normal).as_vec3(), -end.offset as f32);
+        }
+        let mut hull = [Vec3::ZERO; 2 * MAX_CORNERS];
+        for (index, &corner) in corners.iter().enumerate() {
+            // From the eye on, or from where the near end is.
+            hull[index] = near.meets(eye, corner).as_vec3();
+            let last = if far.normal.dot(corner) < far.offset { far.meets(eye, corner) } else { corner };
+            hull[corners.len() + index] = last.as_vec3();
+        }
+        let count = 2 * corners.len();
+        let min = hull[..count].iter().copied().reduce(Vec3::min)?;
+        let max = hull[..count].iter().copied().reduce(Vec3::max)?;
+        Some(Self { hull, count, planes, sides, min, max, ignore: [near.id.0, far.id.0], skip })
+    }
+
+    fn planes(&self) -> &[(Vec3, f32)] {
+        &self.planes[..self.sides]
+    }
+
+    /// The children whose boxes are not certainly outside.
+    #[inline]
+    fn meets_boxes(&self, node: &Node) -> u32 {
+        let splat = Vec4::splat;
+        let mut near = Vec4::ZERO.cmpeq(Vec4::ZERO);
+        for axis in 0..3 {
+            near &= node.min[axis].cmple(splat(self.max[axis])) & node.max[axis].cmpge(splat(self.min[axis]));
+        }
+        for (normal, offset) in self.planes() {
+            let mut least = Vec4::ZERO;
+            for axis in 0..3 {
+                let bound = if normal[axis] > 0.0 { node.min[axis] } else { node.max[axis] };
+                least += splat(normal[axis]) * bound;
+            }
+            // The boxes are padded by more than the rounding of this sum.
+            near &= least.cmple(splat(*offset));
+        }
+        near.bitmask() & node.used
+    }
+
+    /// Whether any triangle of a packet is not certainly outside, by more than `slack`.
+    #[inline]
+    fn meets_packet(&self, packet: &Packet, slack: f32) -> bool {
+        let splat = Vec4::splat;
+        let mut lanes = 0;
+        for lane in 0..4 {
+            let own = self.skip.contains(&packet.ids[lane]) || self.ignore.contains(&packet.planes[lane]);
+            lanes |= u32::from(packet.ids[lane] != u32::MAX && !own) << lane;
+        }
+        if lanes == 0 {
+            return false;
+        }
+        for (normal, offset) in self.planes() {
+            let height = |corner: &[Vec4; 3]| {
+                corner[0] * splat(normal.x) + corner[1] * splat(normal.y) + corner[2] * splat(normal.z)
+            };
+            let [a, b, c] = [0, 1, 2].map(|k| height(&packet.corners[k]));
+            lanes &= !a.min(b).min(c).cmpge(splat(*offset - slack)).bitmask();
+            if lanes == 0 {
+                return false;
+            }
+        }
+        // The plane of the triangle.
+        let [a, b, c] = &packet.corners;
+        let edge = |p: &[Vec4; 3], q: &[Vec4; 3]| [0, 1, 2].map(|k| q[k] - p[k]);
+        let (e, f) = (edge(a, b), edge(a, c));
+        let n = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]];
+        let length2 = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
+        let slack = Vec4::new(length2.x.sqrt(), length2.y.sqrt(), length2.z.sqrt(), length2.w.sqrt()) * slack;
+        let height =
+            |p: Vec3| (splat(p.x) - a[0]) * n[0] + (splat(p.y) - a[1]) * n[1] + (splat(p.z) - a[2]) * n[2];
+        let mut low = height(self.hull[0]);
+        let mut high = low;
+        for &corner in &self.hull[1..self.count] {
+            let h = height(corner);
+            low = low.min(h);
+            high = high.max(h);
+        }
+        let beside = low.cmpge(-slack) | high.cmple(slack);
+        lanes & !beside.bitmask() != 0
+    }
+}
+
+impl Tree {
+    /// Whether no triangle at all may lie in the pyramid. Triangles that touch it from outside by less than the padding
+    /// of the boxes do not count.
+    pub(crate) fn is_empty_in(&self, pyramid: &Pyramid) -> bool {
+        if self.nodes.is_empty() {
+            return true;
+        }
+        // Deeper trees than this count as in the way.
+        let mut stack = [0_u32; 64];
+        let mut length = 1;
+        while length > 0 {
+            length -= 1;
+            let current = stack[length];
+            if current & LEAF != 0 {
+                if self.packets[leaf(current)].iter().any(|p| pyramid.meets_packet(p, self.padding)) {
+                    return false;
+                }
+                continue;
+            }
+            let node = &self.nodes[current as usize];
+            let mut bits = pyramid.meets_boxes(node);
+            while bits != 0 {
+                let slot = bits.trailing_zeros() as usize;
+                bits &= bits - 1;
+                if length == stack.len() {
+                    return false;
+                }
+                stack[length] = node.children[slot];
+                length += 1;
+            }
+        }
+        true
+    }
+}
