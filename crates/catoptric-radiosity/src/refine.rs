@@ -17,6 +17,8 @@ pub struct RefineParams {
     pub rounds: u32,
     /// First rounds in which triangles are also tested inside, where thin shadows hide.
     pub inside_rounds: u32,
+    /// Triangles with shorter edges are not tested inside, metres.
+    pub inside_edge: f32,
     /// Vertices at most.
     pub max_vertices: usize,
     /// Edges shorter than this are left alone, metres.
@@ -227,7 +229,7 @@ fn test_inside(
                 .fold(0.0, f32::max);
             let shared = leaf.vertices.iter().all(|&v| values.sharing.shares(v));
             let fine = if shared { 2.0 * values.sharing.cell() } else { 0.0 };
-            let tested = if longest > params.min_edge.max(fine) { &INSIDE[..] } else { &[] };
+            let tested = if longest > params.inside_edge.max(fine) { &INSIDE[..] } else { &[] };
             let worst = tested
                 .iter()
                 .map(|weights| {

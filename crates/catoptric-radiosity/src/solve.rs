@@ -89,6 +89,7 @@ impl SolveParams {
                 floor: 0.1,
                 rounds: 7,
                 inside_rounds,
+                inside_edge: 0.0,
                 max_vertices,
                 min_edge: 0.0,
             },
@@ -216,6 +217,8 @@ impl Field for SourceField<'_> {
     }
 }
 
+/// Triangles of the sources' mesh with edges above this multiple of the spacing are tested inside.
+const INSIDE_EDGE: f32 = 0.6;
 /// Vertices of fine meshes share samples of sources, and gathers, in cubes of this multiple of the spacing.
 const SOURCE_CELL: f32 = 0.25;
 /// … and gathers in cubes of this.
@@ -256,6 +259,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let mut values = Values { values: Vec::new(), sharing };
     let source_params = RefineParams {
         min_edge: tracer.diagonal() / 2000.0,
+        inside_edge: INSIDE_EDGE * spacing,
         max_vertices: params.sources.max_vertices + base_vertices,
         ..params.sources
     };
