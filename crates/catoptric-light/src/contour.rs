@@ -49,9 +49,16 @@ impl Polygon {
 
     /// The part where normal·x ≥ offset (Sutherland & Hodgman 1974).
     pub fn clipped(&self, normal: DVec3, offset: f64) -> Self {
-        let mut result = Self { corners: [DVec3::ZERO; MAX_CORNERS], count: 0 };
+        let mut result = Self::new(&[]);
+        self.clip_into(normal, offset, &mut result);
+        result
+    }
+
+    /// The same, written over another polygon: half a kilobyte need not be moved.
+    pub fn clip_into(&self, normal: DVec3, offset: f64, result: &mut Self) {
+        result.count = 0;
         let corners = self.corners();
-        let Some(&last) = corners.last() else { return result };
+        let Some(&last) = corners.last() else { return };
         let mut previous = last;
         let mut previous_height = normal.dot(previous) - offset;
         for &corner in corners {
@@ -65,7 +72,6 @@ impl Polygon {
             }
             (previous, previous_height) = (corner, height);
         }
-        result
     }
 
     /// The part seen from `eye` through the convex window `aperture`.
@@ -122,11 +128,18 @@ impl Polygon {
 /// Irradiance at `point` with unit normal `normal` by a polygon of unit radiance: the configuration factor times π.
 /// The polygon is clipped to the horizon. The sign of its winding does not matter.
 pub fn irradiance(point: DVec3, normal: DVec3, polygon: &Polygon) -> f64 {
-    let above = polygon.clipped(normal, normal.dot(point));
-    if above.is_empty() {
+    let horizon = normal.dot(point);
+    // What is above as a whole need not be copied.
+    let above;
+    let corners = if polygon.corners().iter().all(|c| normal.dot(*c) >= horizon) {
+        polygon.corners()
+    } else {
+        above = polygon.clipped(normal, horizon);
+        above.corners()
+    };
+    if corners.len() < 3 {
         return 0.0;
     }
-    let corners = above.corners();
     let mut previous = (corners[corners.len() - 1] - point).normalize_or_zero();
     let mut sum = 0.0;
     for &corner in corners {
