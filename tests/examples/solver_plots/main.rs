@@ -135,7 +135,7 @@ fn compare_solvers(tracer: &Tracer) -> Result<Vec<Panel>, Failure> {
         Panel::new("form factor rows asked for", ""),
     ];
     panels[0].points.push(("direct".to_owned(), (1e3 * direct, END)));
-    for solver in Solver::ALL.into_iter().filter(|s| *s != Solver::Direct) {
+    for solver in Solver::ALL.into_iter().filter(|s| !s.is_dense()) {
         let gatherer = matches!(solver, Solver::Jacobi | Solver::GaussSeidel);
         let mut curves: Vec<[Curve; 3]> = vec![std::array::from_fn(|_| Curve::new(solver.name()))];
         if solver == Solver::Progressive {

@@ -5,6 +5,8 @@
 //! [`two_pass`] is what the program itself solves with: irradiance in three channels, with light that passes through.
 
 pub mod direct;
+#[cfg(feature = "faer")]
+pub mod direct_faer;
 pub mod gauss_seidel;
 pub mod jacobi;
 pub mod progressive;
@@ -127,6 +129,9 @@ impl System<'_> {
 pub enum Solver {
     /// LU of I − ρF.
     Direct,
+    /// The same by faer.
+    #[cfg(feature = "faer")]
+    DirectFaer,
     /// Gathering from the radiosities of the sweep before.
     Jacobi,
     /// Gathering from the newest radiosities.
@@ -140,9 +145,18 @@ pub enum Solver {
 }
 
 impl Solver {
+    /// Whether it needs all rows at once, as a dense matrix.
+    pub fn is_dense(self) -> bool {
+        self.name().starts_with("direct")
+    }
+
+    const COUNT: usize = if cfg!(feature = "faer") { 7 } else { 6 };
+
     /// All solvers.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; Self::COUNT] = [
         Self::Direct,
+        #[cfg(feature = "faer")]
+        Self::DirectFaer,
         Self::Jacobi,
         Self::GaussSeidel,
         Self::Southwell,
@@ -154,6 +168,8 @@ impl Solver {
     pub fn name(self) -> &'static str {
         match self {
             Self::Direct => "direct",
+            #[cfg(feature = "faer")]
+            Self::DirectFaer => "direct-faer",
             Self::Jacobi => "jacobi",
             Self::GaussSeidel => "gauss-seidel",
             Self::Southwell => "southwell",
@@ -257,6 +273,8 @@ pub fn solve_system(
 ) -> Solution {
     match solver {
         Solver::Direct => direct::solve(system, watch),
+        #[cfg(feature = "faer")]
+        Solver::DirectFaer => direct_faer::solve(system, watch),
         Solver::Jacobi => jacobi::solve(system, params, watch),
         Solver::GaussSeidel => gauss_seidel::solve(system, params, watch),
         Solver::Southwell => southwell::solve(system, params, southwell::Order::Largest, watch),
