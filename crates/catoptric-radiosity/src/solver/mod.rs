@@ -31,6 +31,19 @@ pub trait Rows {
 
     /// Visits the form factors from one element, by ascending receiver.
     fn visit(&self, from: usize, visit: &mut dyn FnMut(usize, f64));
+
+    /// (Σ_{j≠i} F_ij B_j, F_ii) for i = `from`.
+    fn gathered(&self, from: usize, radiosity: &[f64]) -> (f64, f64) {
+        let (mut sum, mut own) = (0.0, 0.0);
+        self.visit(from, &mut |to, factor| {
+            if to == from {
+                own += factor;
+            } else {
+                sum += factor * radiosity[to];
+            }
+        });
+        (sum, own)
+    }
 }
 
 /// A stored matrix in one channel.
@@ -67,6 +80,30 @@ impl Rows for StoredRows {
             visit(to as usize, factor);
         }
     }
+
+    fn gathered(&self, from: usize, radiosity: &[f64]) -> (f64, f64) {
+        let row = &self.rows[from];
+        match row.binary_search_by_key(&(from as u32), |e| e.0) {
+            Ok(own) => (dot(&row[..own], radiosity) + dot(&row[own + 1..], radiosity), row[own].1),
+            Err(_) => (dot(row, radiosity), 0.0),
+        }
+    }
+}
+
+/// Σ F_j B_j as four sums side by side: one alone waits for its last addition, and not for memory.
+fn dot(entries: &[(u32, f64)], radiosity: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (groups, rest) = entries.as_chunks::<4>();
+    for group in groups {
+        for (sum, &(to, factor)) in sums.iter_mut().zip(group) {
+            *sum += factor * radiosity[to as usize];
+        }
+    }
+    for (sum, &(to, factor)) in sums.iter_mut().zip(rest) {
+        *sum += factor * radiosity[to as usize];
+    }
+    let [a, b, c, d] = sums;
+    (a + b) + (c + d)
 }
 
 /// The equations of one channel.
@@ -98,24 +135,11 @@ impl System<'_> {
         self.emission.iter().zip(self.weights).map(|(e, w)| e.abs() * w).sum()
     }
 
-    /// (Σ_{j≠i} F_ij B_j, F_ii).
-    fn gathered(&self, row: usize, radiosity: &[f64]) -> (f64, f64) {
-        let (mut sum, mut own) = (0.0, 0.0);
-        self.rows.visit(row, &mut |to, factor| {
-            if to == row {
-                own += factor;
-            } else {
-                sum += factor * radiosity[to];
-            }
-        });
-        (sum, own)
-    }
-
     /// Σ w |E + ρ F B − B|, relative to the emitted power.
     pub fn residual(&self, radiosity: &[f64]) -> f64 {
         let sum: f64 = (0..self.len())
             .map(|i| {
-                let (others, own) = self.gathered(i, radiosity);
+                let (others, own) = self.rows.gathered(i, radiosity);
                 let reflected = self.reflectance[i] * (others + own * radiosity[i]);
                 (self.emission[i] + reflected - radiosity[i]).abs() * self.weights[i]
             })
