@@ -187,7 +187,11 @@ def group_c():
 
 
 def images(a, b, c, rho_x, rho_y, count):
-    """Floor to ceiling of a duct a x b x c: images at (m a, n b), by second differences of C-11."""
+    """Floor to ceiling of a duct a x b x c: images at (m a, n b), by second differences of C-11.
+
+    An image at distance r adds at most a b c^2 / (pi r^4) of rho^count or less, all beyond R = count min(a, b) together
+    rho^count c^2 / R^2: 7e-11 for the worst duct below (rho 0.9, R 45, c 1). A tolerance of 1e-6 judges the method alone.
+    """
     g = lambda m, n: m * n * parallel(m * a, n * b, c) if m and n else 0.0
     one = lambda f, m: (f(m + 1) - 2 * f(m) + f(m - 1)) / 2 if m else f(1)
     total = 0.0
@@ -217,8 +221,7 @@ def group_d():
                         rectangle("m0", (0, 0, 0), (0, b, 0), (0, 0, c), 0, rho),
                         rectangle("m1", (a, 0, 0), (0, 0, c), (0, b, 0), 0, rho))
         case("D", f"two facing mirrors of {rho} in {a} x {b} x {c}", geometry, "F^s(floor->ceiling)", exact,
-             "images at m a by second differences of C-11", "Howell C-11", "dblquad of B-3 over the images", second,
-             tolerance=1e-5)
+             "images at m a by second differences of C-11", "Howell C-11", "dblquad of B-3 over the images", second)
     for a, b, c, rho_x, rho_y in [(1, 1, 1, 0.9, 0.9), (1, 2, 0.7, 0.5, 0.5), (2, 1, 0.5, 0.8, 0.6), (0.3, 0.4, 1, 0.9, 0.7)]:
         exact = images(a, b, c, rho_x, rho_y, 150)
         nodes, weights = np.polynomial.legendre.leggauss(20)
@@ -235,8 +238,7 @@ def group_d():
                         rectangle("y0", (0, 0, 0), (0, 0, c), (a, 0, 0), 0, rho_y),
                         rectangle("y1", (0, b, 0), (a, 0, 0), (0, 0, c), 0, rho_y))
         case("D", f"duct of mirrors {rho_x} and {rho_y}, {a} x {b} x {c}", geometry, "F^s(floor->ceiling)", exact,
-             "images at (m a, n b) by second differences of C-11", "Howell C-11", "Gauss of B-3 over the images", second,
-             tolerance=1e-5)
+             "images at (m a, n b) by second differences of C-11", "Howell C-11", "Gauss of B-3 over the images", second)
 
 
 def counts(matrix, rho, emission, area, tolerance):

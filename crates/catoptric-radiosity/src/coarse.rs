@@ -205,7 +205,7 @@ pub fn solve_coarse(
     }
     match params.solver {
         None => Ok(by_two_pass(patches, rows, sources, default, params)),
-        Some(Solver::Direct) if count > MAX_DIRECT => {
+        Some(solver) if solver.is_dense() && count > MAX_DIRECT => {
             Err(SolveError::TooManyPatches { found: count, limit: MAX_DIRECT })
         }
         Some(solver) => {

@@ -285,8 +285,8 @@ pub(crate) struct TransportArgs {
     #[arg(long, value_name = "METHOD")]
     pub(crate) method: Option<Method>,
 
-    /// Solver of the coarse solve: direct, jacobi, gauss-seidel, southwell, southwell-unordered or progressive. Without it:
-    /// Gauss-Seidel on irradiance, three channels at once.
+    /// Solver of the coarse solve: direct, jacobi, gauss-seidel, southwell, southwell-unordered or progressive; direct-faer where
+    /// the program was built with it. Without it: Gauss-Seidel on irradiance, three channels at once.
     #[arg(long, value_name = "SOLVER")]
     pub(crate) solver: Option<Solver>,
 

@@ -1,10 +1,11 @@
 //! Measures every solver and form factor method on a room and on a mirror room and draws the plots of docs/solvers.md.
 //!
 //! `cargo run --release -p catoptric-tests --example solver_plots -- docs/images`; with `plaid` behind it, only the
-//! picture of the hemicube's error.
+//! picture of the hemicube's error, with `throughput` only rows, bytes and operations per second, without a plot.
 
 mod plaid;
 mod plot;
+mod throughput;
 
 use std::path::Path;
 use std::time::Instant;
@@ -33,18 +34,22 @@ const END: f64 = 1e-6;
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 fn main() -> Result<(), Failure> {
-    let folder = std::env::args().nth(1).ok_or("usage: solver_plots FOLDER")?;
+    let folder = std::env::args().nth(1).ok_or("usage: solver_plots FOLDER [plaid|throughput]")?;
+    let only = std::env::args().nth(2).unwrap_or_default();
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    if only == "throughput" {
+        return threads.install(throughput::measure);
+    }
     let (picture, deviations) = plaid::svg();
     std::fs::write(Path::new(&folder).join("hemicube-plaid.svg"), picture)?;
     let [alike, turned] = deviations.map(|d| 100.0 * d);
     println!("hemicube of {} cells: {alike:.2} % turned alike, {turned:.2} % by chance", plaid::RESOLUTION);
-    if std::env::args().nth(2).is_some_and(|only| only == "plaid") {
+    if only == "plaid" {
         return Ok(());
     }
-    let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     threads.install(|| -> Result<(), Failure> {
         println!("one thread");
-        memory_bandwidth();
+        throughput::memory_bandwidth();
         for name in SCENES {
             let scene = load(name)?;
             let tracer = Tracer::new(&scene);
@@ -67,24 +72,6 @@ fn main() -> Result<(), Failure> {
 fn load(name: &str) -> Result<Scene, Failure> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../scenes/{name}.glb"));
     Ok(gltf::load(&path, &gltf::LoadOptions::default()).map_err(|e| e.to_string())?.scene)
-}
-
-/// Reads 256 MB and says how fast: what a sweep over a stored matrix is held against.
-fn memory_bandwidth() {
-    let numbers: Vec<f64> = (0..32 << 20).map(f64::from).collect();
-    let best = (0..5)
-        .map(|_| {
-            let start = Instant::now();
-            let lanes = numbers.chunks_exact(16).fold([0.0; 16], |mut sums: [f64; 16], chunk| {
-                sums.iter_mut().zip(chunk).for_each(|(s, x)| *s += x);
-                sums
-            });
-            let seconds = start.elapsed().as_secs_f64();
-            std::hint::black_box(lanes);
-            (numbers.len() * size_of::<f64>()) as f64 / seconds
-        })
-        .fold(0.0, f64::max);
-    println!("memory: {:.1} GB/s read by one thread", best / 1e9);
 }
 
 /// Error against time, steps and rows, for every solver.
@@ -135,7 +122,7 @@ fn compare_solvers(tracer: &Tracer) -> Result<Vec<Panel>, Failure> {
         Panel::new("form factor rows asked for", ""),
     ];
     panels[0].points.push(("direct".to_owned(), (1e3 * direct, END)));
-    for solver in Solver::ALL.into_iter().filter(|s| *s != Solver::Direct) {
+    for solver in Solver::ALL.into_iter().filter(|s| !s.is_dense()) {
         let gatherer = matches!(solver, Solver::Jacobi | Solver::GaussSeidel);
         let mut curves: Vec<[Curve; 3]> = vec![std::array::from_fn(|_| Curve::new(solver.name()))];
         if solver == Solver::Progressive {
@@ -190,10 +177,7 @@ fn sweep_speed(system: &System, matrix: &FactorMatrix) {
     let seconds = (0..10)
         .map(|_| {
             let start = Instant::now();
-            let mut sum = 0.0;
-            for i in 0..system.len() {
-                system.rows.visit(i, &mut |j, f| sum += f * values[j]);
-            }
+            let sum: f64 = (0..system.len()).map(|i| system.rows.gathered(i, &values).0).sum();
             std::hint::black_box(sum);
             start.elapsed().as_secs_f64()
         })

@@ -5,36 +5,49 @@
 //! over x numerically, too). The contour formula has no singularity at shared edges and corners: F(x → j) is bounded by
 //! 1 and the quadrature subdivides towards them. Curved mirrors, coats, panes and glass are no images: paths over any
 //! of them are found by hemisphere rays and added.
+//!
+//! The file is long since walls, targets, mirrors and the way of a point's look among them are one thing; `beams` joins windows,
+//! `visible` clips, `quadrature` has the rules.
 
-use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::f64::consts::PI;
+use std::ops::Range;
 
 use glam::DVec3;
 
-use catoptric_light::contour::{MAX_CORNERS, Polygon, irradiance};
+use catoptric_light::contour::{Polygon, irradiance};
 use catoptric_scene::{AlphaMode, Barycentric, Side, TriangleId};
 use catoptric_trace::{PlaneId, Tracer};
 
+use super::beams::{Beam, Beams, without_short_edges};
 use super::elements::joined;
-use super::visible::{Blocker, Scratch, subtract};
+use super::quadrature::{COARSE, Cell, FINE, Integral, Place, Rule};
+use super::visible::{Blocker, Shadows, Sight};
 use super::{ElementSet, Entry, FactorRow, FormFactors, MethodError, MethodParams, Piece, rays};
 
 /// Polygons of a scene, at most: every point of the quadrature clips each by all others.
 pub const MAX_POLYGONS: usize = 4_000;
-/// Beams that carry less than this share of the power go on as their central ray: the first of these limits, from the finest,
-/// with which one point of the sender looks at no more than [`POINT_WORK`] polygons.
-const THIN: [f64; 2] = [3e-7, 1e-5];
+/// Beams that carry less than this share of the power go on as their central rays: the last of these limits with which one
+/// point of the sender looks at no more than [`POINT_WORK`] polygons, and which is not below [`THIN_SHARE`] of the tolerance.
+const THIN: [f64; 5] = [1e-5, 1e-6, 1e-7, 1e-8, 1e-9];
+/// Thousands of beams end at the limit, some per cent of each in the wrong place, most of them on either side.
+const THIN_SHARE: f64 = 1e-3;
 /// Strips into which thin beams are cut.
 const STRIPS: usize = 8;
 /// Share of the power below which a strip's ray has nothing left: far less than sums round off.
 const NOTHING: f64 = 1e-13;
 /// Polygons that a point may look at.
-const POINT_WORK: u64 = 100_000;
+const POINT_WORK: u64 = 500_000;
+/// Light is summed on cells of its own up to so many reflections, up to so many more, and from there on. What comes straight
+/// or over few mirrors changes much across the sender and costs little at a point; distant images change little, so that a
+/// few points are enough, and cost much.
+const BANDS: [Range<usize>; 3] = [0..4, 4..12, 12..usize::MAX];
 /// Relative error aimed at where there are mirrors: thin beams land as wholes, which is noise of about this size.
-const MIRROR_TOLERANCE: f64 = 5e-6;
+const MIRROR_TOLERANCE: f64 = 5e-7;
+/// Relative error from which on the coarse rules do.
+const ROUGH: f64 = 1e-4;
 /// Polygons looked at per element, at most: with many mirrors every point is dear. The error is told.
-const MAX_WORK: u64 = 5_000_000;
+const MAX_WORK: u64 = 20_000_000;
 /// Reflections after which a beam goes on as its central ray, and a central ray ends.
 const MAX_REFLECTIONS: usize = 1_000;
 
@@ -96,9 +109,52 @@ struct View<'s> {
     eye: DVec3,
     normal: DVec3,
     stage: &'s Stage,
-    window: Option<Polygon>,
+    window: Option<&'s Polygon>,
     weight: DVec3,
-    depth: usize,
+}
+
+impl<'s> View<'s> {
+    fn from(eye: DVec3, normal: DVec3, stage: &'s Stage) -> Self {
+        Self { eye, normal, stage, window: None, weight: DVec3::ONE }
+    }
+
+    fn of(beam: &'s Beam, stages: &'s [Stage]) -> Self {
+        let &Beam { mirror, eye, normal, weight, ref window, .. } = beam;
+        Self { eye, normal, stage: &stages[mirror], window: Some(window), weight }
+    }
+}
+
+/// What a row keeps account of.
+struct Scratch {
+    shadows: Shadows,
+    buffers: [Polygon; 2],
+    parts: Vec<Polygon>,
+    /// Polygons that were looked at.
+    work: u64,
+    /// Looking ends where more have been looked at.
+    stop: u64,
+    /// Beams that carry less are thin.
+    thin: f64,
+    /// What thin beams brought to each element from the present eye.
+    landed: Vec<f64>,
+}
+
+impl Scratch {
+    /// Visits the parts of a polygon in the plane `plane` that are in sight and in no shadow.
+    fn visible(&mut self, sight: &Sight, outline: &Polygon, plane: PlaneId, mut visit: impl FnMut(&Polygon)) {
+        let seen = sight.clip(outline, &mut self.buffers);
+        if seen.is_empty() {
+            return;
+        }
+        if !self.shadows.touch(seen, plane) {
+            visit(seen);
+            return;
+        }
+        self.parts.clear();
+        self.parts.push(*seen);
+        self.shadows.subtract(&mut self.parts, plane);
+        self.parts.iter().for_each(visit);
+    }
 }
 
 impl<'a> Analytic<'a> {
@@ -237,83 +293,77 @@ impl<'a> Analytic<'a> {
         }
     }
 
-    /// Adds F(eye → j) for all j, times the view's weight, to `out`.
-    fn look(&self, view: &View, out: &mut [DVec3], scratch: &mut Scratch) {
-        let sight = view.window.map(|window| Sight::through(&window, view.eye));
-        let seen = |outline: &Polygon| match &sight {
-            None => *outline,
-            Some(sight) => sight.of(outline),
-        };
-        if scratch.work > scratch.stop {
-            return;
+    /// Adds F(eye → j) for all j, as far as it comes over a number of reflections within `band`, to `out`.
+    fn look(&self, eye: &View, band: &Range<usize>, out: &mut [DVec3], scratch: &mut Scratch) {
+        let diagonal = f64::from(self.tracer.diagonal());
+        let mut beams = Beams::new(diagonal);
+        self.look_once(eye, 0, band, out, &mut beams, scratch);
+        for depth in 1..=MAX_REFLECTIONS {
+            let level = beams.finished();
+            if level.is_empty() {
+                return;
+            }
+            beams = Beams::new(diagonal);
+            for beam in &level {
+                if scratch.work > scratch.stop {
+                    return;
+                }
+                if depth < MAX_REFLECTIONS && beam.factor * beam.weight.max_element() >= scratch.thin {
+                    self.look_once(&View::of(beam, &self.stages), depth, band, out, &mut beams, scratch);
+                } else if band.contains(&depth) {
+                    self.follow_strips(beam, out, &mut scratch.landed);
+                }
+            }
         }
-        let mut parts: Vec<Polygon> = Vec::new();
+    }
+
+    /// What is seen without a further reflection: targets add to `out`, mirrors to `beams`.
+    fn look_once(
+        &self,
+        view: &View,
+        depth: usize,
+        band: &Range<usize>,
+        out: &mut [DVec3],
+        beams: &mut Beams,
+        scratch: &mut Scratch,
+    ) {
         scratch.work += (view.stage.targets.len() + view.stage.mirrors.len()) as u64;
-        for target in &view.stage.targets {
-            if target.normal.dot(view.eye) <= target.offset {
-                continue;
+        let sight = Sight::through(view.eye, view.window);
+        scratch.shadows.cast(view.stage.blockers.iter().filter(|b| sight.meets(&b.outline)), view.eye);
+        if band.contains(&depth) {
+            for target in &view.stage.targets {
+                if target.normal.dot(view.eye) > target.offset && sight.meets(&target.outline) {
+                    let mut factor = 0.0;
+                    scratch.visible(&sight, &target.outline, target.plane, |part| {
+                        factor += irradiance(view.eye, view.normal, part);
+                    });
+                    out[target.element] += view.weight * (factor / PI);
+                }
             }
-            let part = seen(&target.outline);
-            if part.is_empty() {
-                continue;
-            }
-            parts.clear();
-            parts.push(part);
-            subtract(&mut parts, &view.stage.blockers, view.eye, target.plane, scratch);
-            let factor: f64 = parts.iter().map(|p| irradiance(view.eye, view.normal, p)).sum::<f64>() / PI;
-            out[target.element] += view.weight * factor;
         }
-        for (index, outline) in &view.stage.mirrors {
-            let mirror = &self.mirrors[*index];
-            if mirror.normal.dot(view.eye) <= mirror.offset {
-                continue;
-            }
-            let part = seen(outline);
-            if part.is_empty() {
-                continue;
-            }
-            let mut windows = vec![part];
-            subtract(&mut windows, &view.stage.blockers, view.eye, mirror.plane, scratch);
-            let weight = view.weight * mirror.reflectance;
-            for window in windows {
-                let window = without_short_edges(&window);
-                if window.is_empty() {
-                    continue;
+        if depth + 1 < band.end {
+            for (index, outline) in &view.stage.mirrors {
+                let mirror = &self.mirrors[*index];
+                if mirror.normal.dot(view.eye) > mirror.offset && sight.meets(outline) {
+                    let reflect = |v: DVec3| v - mirror.normal * (2.0 * mirror.normal.dot(v));
+                    let image = reflect(view.eye) + mirror.normal * (2.0 * mirror.offset);
+                    let (normal, weight) = (reflect(view.normal), view.weight * mirror.reflectance);
+                    scratch.visible(&sight, outline, mirror.plane, |part| {
+                        let window = without_short_edges(part);
+                        let factor = irradiance(view.eye, view.normal, &window) / PI;
+                        if factor > 0.0 {
+                            beams.add(Beam { mirror: *index, eye: image, normal, weight, window, factor });
+                        }
+                    });
                 }
-                let factor = irradiance(view.eye, view.normal, &window) / PI;
-                if factor <= 0.0 {
-                    continue;
-                }
-                if factor * weight.max_element() < scratch.thin || view.depth >= MAX_REFLECTIONS {
-                    self.follow_strips(view, mirror, &window, weight, out, &mut scratch.landed);
-                    continue;
-                }
-                let reflect = |v: DVec3| v - mirror.normal * (2.0 * mirror.normal.dot(v));
-                let image = View {
-                    eye: reflect(view.eye) + mirror.normal * (2.0 * mirror.offset),
-                    normal: reflect(view.normal),
-                    stage: &self.stages[*index],
-                    window: Some(window),
-                    weight,
-                    depth: view.depth + 1,
-                };
-                self.look(&image, out, scratch);
             }
         }
     }
 
     /// A thin beam goes on as the central rays of strips across its longest extent. From far down a duct windows are narrow
     /// but tall: what leaves them low goes on for many reflections more than what leaves them high.
-    fn follow_strips(
-        &self,
-        view: &View,
-        mirror: &Mirror,
-        window: &Polygon,
-        weight: DVec3,
-        out: &mut [DVec3],
-        landed: &mut [f64],
-    ) {
-        let corners = window.corners();
+    fn follow_strips(&self, beam: &Beam, out: &mut [DVec3], landed: &mut [f64]) {
+        let corners = beam.window.corners();
         let edges = (0..corners.len()).map(|k| corners[(k + 1) % corners.len()] - corners[k]);
         let longest =
             edges.fold(DVec3::ZERO, |a, b| if b.length_squared() > a.length_squared() { b } else { a });
@@ -323,16 +373,16 @@ impl<'a> Analytic<'a> {
             .map(|c| axis.dot(*c))
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), h| (low.min(h), high.max(h)));
         let at = |k: usize| low + (high - low) * k as f64 / STRIPS as f64;
-        let mut rest = *window;
+        let mut rest = beam.window;
         for k in 1..=STRIPS {
             let strip = if k == STRIPS { rest } else { rest.clipped(-axis, -at(k)) };
             rest = rest.clipped(axis, at(k));
             if strip.is_empty() {
                 continue;
             }
-            let factor = irradiance(view.eye, view.normal, &strip) / PI;
+            let factor = irradiance(beam.eye, beam.normal, &strip) / PI;
             if factor > 0.0 {
-                self.follow_center(view.eye, mirror, &strip, weight * factor, out, landed);
+                self.follow_center(beam, &strip, beam.weight * factor, out, landed);
             }
         }
     }
@@ -340,19 +390,18 @@ impl<'a> Analytic<'a> {
     /// A strip lands where its central ray does: its power is kept, its place is right within its width.
     fn follow_center(
         &self,
-        eye: DVec3,
-        mirror: &Mirror,
-        window: &Polygon,
+        beam: &Beam,
+        strip: &Polygon,
         mut weight: DVec3,
         out: &mut [DVec3],
         landed: &mut [f64],
     ) {
         let sent = weight.max_element();
-        let corners = window.corners();
+        let corners = strip.corners();
         let mut origin = corners.iter().copied().sum::<DVec3>() / corners.len() as f64;
-        let mut direction = (origin - eye).normalize_or_zero();
-        let mut from = mirror.plane;
-        direction -= mirror.normal * (2.0 * mirror.normal.dot(direction));
+        // The eye is the mirror's image already.
+        let mut direction = (origin - beam.eye).normalize_or_zero();
+        let mut from = self.mirrors[beam.mirror].plane;
         for _ in 0..MAX_REFLECTIONS {
             let Some((wall, t)) = self.nearest(origin, direction, from) else { return };
             origin += direction * t;
@@ -437,65 +486,6 @@ impl<'a> Analytic<'a> {
     }
 }
 
-/// The planes through an eye and the edges of a window.
-struct Sight {
-    planes: [DVec3; MAX_CORNERS],
-    count: usize,
-    eye: DVec3,
-}
-
-impl Sight {
-    fn through(window: &Polygon, eye: DVec3) -> Self {
-        let mut sight = Self { planes: [DVec3::ZERO; MAX_CORNERS], count: 0, eye };
-        for plane in window.sight_planes(eye).into_iter().flatten() {
-            sight.planes[sight.count] = plane;
-            sight.count += 1;
-        }
-        sight
-    }
-
-    /// The part of a polygon that is seen: only planes that cut it are clipped by.
-    fn of(&self, outline: &Polygon) -> Polygon {
-        let mut cuts = [false; MAX_CORNERS];
-        for (cut, plane) in cuts.iter_mut().zip(&self.planes[..self.count]) {
-            let offset = plane.dot(self.eye);
-            let inside = outline.corners().iter().filter(|c| plane.dot(**c) >= offset).count();
-            if inside == 0 {
-                return Polygon::new(&[]);
-            }
-            *cut = inside < outline.corners().len();
-        }
-        let mut part = *outline;
-        for (_, plane) in cuts.iter().zip(&self.planes[..self.count]).filter(|(cut, _)| **cut) {
-            part = part.clipped(*plane, plane.dot(self.eye));
-            if part.is_empty() {
-                break;
-            }
-        }
-        part
-    }
-}
-
-/// A window without the edges that repeated clipping leaves at corners: through an edge as short as rounding there is no
-/// plane to clip by.
-fn without_short_edges(window: &Polygon) -> Polygon {
-    let corners = window.corners();
-    let size = corners.iter().map(|c| (*c - corners[0]).length()).fold(0.0, f64::max);
-    let mut kept: Vec<DVec3> = Vec::with_capacity(corners.len());
-    for &corner in corners {
-        if kept.last().is_none_or(|last| (corner - *last).length() > SHORT * size) {
-            kept.push(corner);
-        }
-    }
-    while kept.len() > 1 && (kept[0] - kept[kept.len() - 1]).length() <= SHORT * size {
-        kept.pop();
-    }
-    Polygon::new(&kept)
-}
-
-/// Edges shorter than this share of a window are rounding.
-const SHORT: f64 = 1e-9;
-
 /// Parts into which the planes of other surfaces cut a sender before the quadrature starts.
 const MAX_PARTS: usize = 48;
 
@@ -534,52 +524,6 @@ impl Target {
     }
 }
 
-/// Gauss–Legendre nodes and weights on [0, 1].
-const GAUSS4: [(f64, f64); 4] = [
-    (0.069_431_844_202_973_71, 0.173_927_422_568_726_9),
-    (0.330_009_478_207_571_9, 0.326_072_577_431_273_1),
-    (0.669_990_521_792_428_1, 0.326_072_577_431_273_1),
-    (0.930_568_155_797_026_3, 0.173_927_422_568_726_9),
-];
-const GAUSS5: [(f64, f64); 5] = [
-    (0.046_910_077_030_668_0, 0.118_463_442_528_094_5),
-    (0.230_765_344_947_158_45, 0.239_314_335_249_683_2),
-    (0.5, 0.284_444_444_444_444_4),
-    (0.769_234_655_052_841_5, 0.239_314_335_249_683_2),
-    (0.953_089_922_969_332, 0.118_463_442_528_094_5),
-];
-
-/// A triangle of the sender with its share of the integral and the difference of two rules on it.
-struct Cell {
-    corners: [DVec3; 3],
-    stage: usize,
-    values: Vec<DVec3>,
-    errors: Vec<f64>,
-    /// What thin beams brought, which is where their rays happened to land.
-    landed: Vec<f64>,
-    /// Worst error in units of what is aimed at.
-    score: f64,
-    /// Order of creation: ties are broken the same way every time.
-    serial: usize,
-}
-
-impl PartialEq for Cell {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-impl Eq for Cell {}
-impl PartialOrd for Cell {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for Cell {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.score.total_cmp(&other.score).then(other.serial.cmp(&self.serial))
-    }
-}
-
 /// F below which errors are absolute.
 const SMALL: f64 = 1e-6;
 
@@ -587,27 +531,27 @@ impl Analytic<'_> {
     /// ∫ F(x → ·) over a triangle by two Gauss rules on the square that collapses to it.
     fn integrate(
         &self,
-        corners: [DVec3; 3],
+        place: &Place,
         normal: DVec3,
         stage: &Stage,
+        rules: [Rule; 2],
         scratch: &mut Scratch,
     ) -> Integral {
-        let [a, b, c] = corners;
+        let [a, b, c] = place.corners;
         let twice_area = (b - a).cross(c - a).length();
         let count = self.set.len() + 1;
         let mut landed = vec![0.0; count];
-        let mut rule = |nodes: &[(f64, f64)]| {
+        let mut rule = |nodes: Rule| {
             let mut sum = vec![DVec3::ZERO; count];
             let mut here = sum.clone();
             landed.fill(0.0);
             for &(u, wu) in nodes {
                 for &(v, wv) in nodes {
                     let eye = a + (b - a) * (u * (1.0 - v)) + (c - a) * (u * v);
-                    let view = View { eye, normal, stage, window: None, weight: DVec3::ONE, depth: 0 };
+                    let view = View::from(eye, normal, stage);
                     here.fill(DVec3::ZERO);
-                    scratch.landed.clear();
-                    scratch.landed.resize(count, 0.0);
-                    self.look(&view, &mut here, scratch);
+                    scratch.landed.fill(0.0);
+                    self.look(&view, &place.band, &mut here, scratch);
                     let weight = wu * wv * u * twice_area;
                     for (sum, value) in landed.iter_mut().zip(&scratch.landed) {
                         *sum += value * weight;
@@ -619,27 +563,25 @@ impl Analytic<'_> {
             }
             sum
         };
-        let coarse = rule(&GAUSS4);
-        let values = rule(&GAUSS5);
+        let coarse = rule(rules[0]);
+        let values = rule(rules[1]);
         let errors = values.iter().zip(&coarse).map(|(f, c)| (*f - *c).abs().max_element()).collect();
         Integral { values, errors, landed }
     }
 
     /// How thin beams may get so that a point in the middle of the sender does not look at too much.
-    fn choose_thin(&self, piece: &Piece, stage: &Stage, scratch: &mut Scratch) {
+    fn choose_thin(&self, piece: &Piece, stage: &Stage, tolerance: f64, scratch: &mut Scratch) {
         let corners = piece.outline.corners();
         let eye = corners.iter().copied().sum::<DVec3>() / corners.len() as f64;
         let mut out = vec![DVec3::ZERO; self.set.len() + 1];
-        scratch.landed.clear();
-        scratch.landed.resize(out.len(), 0.0);
         // From the coarsest on: a finer limit costs up to as many times more as it is finer, or nothing.
-        scratch.thin = THIN[THIN.len() - 1];
-        for &limit in THIN.iter().rev() {
+        scratch.thin = THIN[0];
+        for &limit in THIN.iter().filter(|t| **t >= THIN_SHARE * tolerance) {
             let before = scratch.work;
             let wider = std::mem::replace(&mut scratch.thin, limit);
-            let view = View { eye, normal: piece.normal, stage, window: None, weight: DVec3::ONE, depth: 0 };
+            let view = View::from(eye, piece.normal, stage);
             scratch.stop = before + POINT_WORK;
-            self.look(&view, &mut out, scratch);
+            self.look(&view, &(0..usize::MAX), &mut out, scratch);
             scratch.stop = u64::MAX;
             if scratch.work - before > POINT_WORK {
                 scratch.thin = wider;
@@ -647,14 +589,8 @@ impl Analytic<'_> {
             }
         }
         scratch.work = 0;
+        scratch.landed.fill(0.0);
     }
-}
-
-/// What two Gauss rules find on a cell.
-struct Integral {
-    values: Vec<DVec3>,
-    errors: Vec<f64>,
-    landed: Vec<f64>,
 }
 
 impl FormFactors for Analytic<'_> {
@@ -662,7 +598,15 @@ impl FormFactors for Analytic<'_> {
         let count = self.set.len();
         let pieces = self.set.pieces(from);
         let area: f64 = pieces.iter().map(|p| p.area).sum();
-        let mut scratch = Scratch::default();
+        let mut scratch = Scratch {
+            shadows: Shadows::default(),
+            buffers: [Polygon::new(&[]); 2],
+            parts: Vec::new(),
+            work: 0,
+            stop: u64::MAX,
+            thin: THIN[0],
+            landed: vec![0.0; count + 1],
+        };
         let tolerance = match self.mirrors.is_empty() {
             true => self.params.tolerance,
             false => self.params.tolerance.max(MIRROR_TOLERANCE),
@@ -671,6 +615,7 @@ impl FormFactors for Analytic<'_> {
         let mut error = vec![0.0; count + 1];
         let mut heap: BinaryHeap<Cell> = BinaryHeap::new();
         let mut made = 0_usize;
+        let mut samples = 0;
         let score = |errors: &[f64], total: &[DVec3]| {
             (0..count).map(|j| errors[j] / total[j].max_element().max(SMALL * area)).fold(0.0, f64::max)
         };
@@ -680,25 +625,31 @@ impl FormFactors for Analytic<'_> {
             .iter()
             .map(|p| self.stage(p.normal, p.normal.dot(p.outline.corners()[0]), p.plane))
             .collect();
+        let bands = if self.mirrors.is_empty() { &BANDS[..1] } else { &BANDS[..] };
         if let (Some(piece), false) = (pieces.first(), self.mirrors.is_empty()) {
-            self.choose_thin(piece, &stages[0], &mut scratch);
+            self.choose_thin(piece, &stages[0], tolerance, &mut scratch);
         }
-        let mut fresh: Vec<([DVec3; 3], usize)> = Vec::new();
+        let mut fresh: Vec<Place> = Vec::new();
         for (index, piece) in pieces.iter().enumerate() {
-            fresh.extend(self.cells(piece, &stages[index]).into_iter().map(|corners| (corners, index)));
+            for corners in self.cells(piece, &stages[index]) {
+                fresh.extend(bands.iter().map(|band| Place { corners, piece: index, band: band.clone() }));
+            }
         }
 
         // Split the worst cell until every form factor is good enough.
         loop {
             let mut cells = Vec::with_capacity(fresh.len());
-            for (corners, stage) in fresh.drain(..) {
+            for place in fresh.drain(..) {
+                let rules = if tolerance > ROUGH || place.band == BANDS[2] { COARSE } else { FINE };
+                let (normal, stage) = (pieces[place.piece].normal, &stages[place.piece]);
                 let Integral { values, errors, landed } =
-                    self.integrate(corners, pieces[stage].normal, &stages[stage], &mut scratch);
+                    self.integrate(&place, normal, stage, rules, &mut scratch);
                 for j in 0..=count {
                     total[j] += values[j];
                     error[j] += errors[j];
                 }
-                cells.push(Cell { corners, stage, values, errors, landed, score: 0.0, serial: made });
+                samples += rules.iter().map(|nodes| (nodes.len() * nodes.len()) as u64).sum::<u64>();
+                cells.push(Cell { place, values, errors, landed, score: 0.0, serial: made });
                 made += 1;
             }
             for mut cell in cells {
@@ -714,9 +665,10 @@ impl FormFactors for Analytic<'_> {
                 total[j] -= worst.values[j];
                 error[j] -= worst.errors[j];
             }
-            let [a, b, c] = worst.corners;
+            let Place { corners: [a, b, c], piece, band } = worst.place;
             let (ab, bc, ca) = ((a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5);
-            fresh.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]].map(|t| (t, worst.stage)));
+            let quarters = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]];
+            fresh.extend(quarters.map(|corners| Place { corners, piece, band: band.clone() }));
         }
 
         // Sum again, in order of making: running sums have gathered rounding.
@@ -731,7 +683,6 @@ impl FormFactors for Analytic<'_> {
                 error[j] += (cell.errors[j] + cell.landed[j] / STRIPS as f64) / area;
             }
         }
-        let samples = made as u64 * (GAUSS4.len() * GAUSS4.len() + GAUSS5.len() * GAUSS5.len()) as u64;
         let mut row = self.book(&total, &error, samples);
         if self.rest {
             self.add_rest(from, &mut row);

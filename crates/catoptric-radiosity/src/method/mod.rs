@@ -6,9 +6,11 @@
 
 pub mod analytic;
 pub mod area;
+mod beams;
 pub mod elements;
 pub mod hemicube;
 pub mod matrix;
+mod quadrature;
 pub mod rays;
 mod scrambles;
 mod visible;

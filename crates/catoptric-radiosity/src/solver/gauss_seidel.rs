@@ -8,7 +8,7 @@ pub fn solve(system: &System, params: &Params, watch: &mut dyn FnMut(&Step) -> b
     sweep_until(system, params, watch, |radiosity| {
         let mut change = 0.0;
         for i in 0..system.len() {
-            let (others, own) = system.gathered(i, radiosity);
+            let (others, own) = system.rows.gathered(i, radiosity);
             let diagonal = 1.0 - system.reflectance[i] * own;
             let value = (system.emission[i] + system.reflectance[i] * others) / diagonal;
             change += (value - radiosity[i]).abs() * diagonal * system.weights[i];

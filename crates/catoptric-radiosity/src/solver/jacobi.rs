@@ -9,7 +9,7 @@ pub fn solve(system: &System, params: &Params, watch: &mut dyn FnMut(&Step) -> b
         let mut change = 0.0;
         let next = (0..system.len())
             .map(|i| {
-                let (others, own) = system.gathered(i, radiosity);
+                let (others, own) = system.rows.gathered(i, radiosity);
                 let diagonal = 1.0 - system.reflectance[i] * own;
                 let value = (system.emission[i] + system.reflectance[i] * others) / diagonal;
                 change += (value - radiosity[i]).abs() * diagonal * system.weights[i];

@@ -5,6 +5,8 @@
 //! [`two_pass`] is what the program itself solves with: irradiance in three channels, with light that passes through.
 
 pub mod direct;
+#[cfg(feature = "faer")]
+pub mod direct_faer;
 pub mod gauss_seidel;
 pub mod jacobi;
 pub mod progressive;
@@ -29,6 +31,19 @@ pub trait Rows {
 
     /// Visits the form factors from one element, by ascending receiver.
     fn visit(&self, from: usize, visit: &mut dyn FnMut(usize, f64));
+
+    /// (Σ_{j≠i} F_ij B_j, F_ii) for i = `from`.
+    fn gathered(&self, from: usize, radiosity: &[f64]) -> (f64, f64) {
+        let (mut sum, mut own) = (0.0, 0.0);
+        self.visit(from, &mut |to, factor| {
+            if to == from {
+                own += factor;
+            } else {
+                sum += factor * radiosity[to];
+            }
+        });
+        (sum, own)
+    }
 }
 
 /// A stored matrix in one channel.
@@ -65,6 +80,30 @@ impl Rows for StoredRows {
             visit(to as usize, factor);
         }
     }
+
+    fn gathered(&self, from: usize, radiosity: &[f64]) -> (f64, f64) {
+        let row = &self.rows[from];
+        match row.binary_search_by_key(&(from as u32), |e| e.0) {
+            Ok(own) => (dot(&row[..own], radiosity) + dot(&row[own + 1..], radiosity), row[own].1),
+            Err(_) => (dot(row, radiosity), 0.0),
+        }
+    }
+}
+
+/// Σ F_j B_j as four sums side by side: one alone waits for its last addition, and not for memory.
+fn dot(entries: &[(u32, f64)], radiosity: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (groups, rest) = entries.as_chunks::<4>();
+    for group in groups {
+        for (sum, &(to, factor)) in sums.iter_mut().zip(group) {
+            *sum += factor * radiosity[to as usize];
+        }
+    }
+    for (sum, &(to, factor)) in sums.iter_mut().zip(rest) {
+        *sum += factor * radiosity[to as usize];
+    }
+    let [a, b, c, d] = sums;
+    (a + b) + (c + d)
 }
 
 /// The equations of one channel.
@@ -96,24 +135,11 @@ impl System<'_> {
         self.emission.iter().zip(self.weights).map(|(e, w)| e.abs() * w).sum()
     }
 
-    /// (Σ_{j≠i} F_ij B_j, F_ii).
-    fn gathered(&self, row: usize, radiosity: &[f64]) -> (f64, f64) {
-        let (mut sum, mut own) = (0.0, 0.0);
-        self.rows.visit(row, &mut |to, factor| {
-            if to == row {
-                own += factor;
-            } else {
-                sum += factor * radiosity[to];
-            }
-        });
-        (sum, own)
-    }
-
     /// Σ w |E + ρ F B − B|, relative to the emitted power.
     pub fn residual(&self, radiosity: &[f64]) -> f64 {
         let sum: f64 = (0..self.len())
             .map(|i| {
-                let (others, own) = self.gathered(i, radiosity);
+                let (others, own) = self.rows.gathered(i, radiosity);
                 let reflected = self.reflectance[i] * (others + own * radiosity[i]);
                 (self.emission[i] + reflected - radiosity[i]).abs() * self.weights[i]
             })
@@ -127,6 +153,9 @@ impl System<'_> {
 pub enum Solver {
     /// LU of I − ρF.
     Direct,
+    /// The same by faer.
+    #[cfg(feature = "faer")]
+    DirectFaer,
     /// Gathering from the radiosities of the sweep before.
     Jacobi,
     /// Gathering from the newest radiosities.
@@ -140,9 +169,18 @@ pub enum Solver {
 }
 
 impl Solver {
+    /// Whether it needs all rows at once, as a dense matrix.
+    pub fn is_dense(self) -> bool {
+        self.name().starts_with("direct")
+    }
+
+    const COUNT: usize = if cfg!(feature = "faer") { 7 } else { 6 };
+
     /// All solvers.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; Self::COUNT] = [
         Self::Direct,
+        #[cfg(feature = "faer")]
+        Self::DirectFaer,
         Self::Jacobi,
         Self::GaussSeidel,
         Self::Southwell,
@@ -154,6 +192,8 @@ impl Solver {
     pub fn name(self) -> &'static str {
         match self {
             Self::Direct => "direct",
+            #[cfg(feature = "faer")]
+            Self::DirectFaer => "direct-faer",
             Self::Jacobi => "jacobi",
             Self::GaussSeidel => "gauss-seidel",
             Self::Southwell => "southwell",
@@ -257,6 +297,8 @@ pub fn solve_system(
 ) -> Solution {
     match solver {
         Solver::Direct => direct::solve(system, watch),
+        #[cfg(feature = "faer")]
+        Solver::DirectFaer => direct_faer::solve(system, watch),
         Solver::Jacobi => jacobi::solve(system, params, watch),
         Solver::GaussSeidel => gauss_seidel::solve(system, params, watch),
         Solver::Southwell => southwell::solve(system, params, southwell::Order::Largest, watch),

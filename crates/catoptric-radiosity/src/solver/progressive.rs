@@ -17,7 +17,7 @@ pub fn solve(system: &System, params: &Params, watch: &mut dyn FnMut(&Step) -> b
     let mut radiosity = unshot.clone();
     if let Some(warm) = params.warm {
         for i in 0..count {
-            let (others, own) = system.gathered(i, warm);
+            let (others, own) = system.rows.gathered(i, warm);
             unshot[i] += system.reflectance[i] * (others + own * warm[i]) - warm[i];
             radiosity[i] = warm[i] + unshot[i];
         }

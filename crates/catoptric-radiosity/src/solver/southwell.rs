@@ -29,7 +29,7 @@ pub fn solve(
     if let Some(warm) = params.warm {
         relaxed.copy_from_slice(warm);
         for i in 0..count {
-            let (others, own) = system.gathered(i, warm);
+            let (others, own) = system.rows.gathered(i, warm);
             residual[i] += system.reflectance[i] * (others + own * warm[i]) - warm[i];
         }
         rows += count;
