@@ -49,14 +49,10 @@ impl Polygon {
 
     /// The part where normal·x ≥ offset.
     pub fn clipped(&self, normal: DVec3, offset: f64) -> Self {
-<<<<<<< HEAD
         // Most planes cut nothing off: told without a copy of what is left.
         if self.corners().iter().all(|c| normal.dot(*c) - offset >= 0.0) {
             return *self;
         }
-        let mut result = Self { corners: [DVec3::ZERO; MAX_CORNERS], count: 0 };
-        clip(self.corners(), normal, offset, |corner| result.push(corner));
-=======
         let mut result = Self::new(&[]);
         self.clip_into(normal, offset, &mut result);
         result
@@ -65,34 +61,7 @@ impl Polygon {
     /// The same, written over another polygon: half a kilobyte need not be moved.
     pub fn clip_into(&self, normal: DVec3, offset: f64, result: &mut Self) {
         result.count = 0;
-        let corners = self.corners();
-        let Some(&last) = corners.last() else { return };
-        let mut previous = last;
-        let mut previous_height = normal.dot(previous) - offset;
-        for &corner in corners {
-            let height = normal.dot(corner) - offset;
-            if (height >= 0.0) != (previous_height >= 0.0) {
-                let t = previous_height / (previous_height - height);
-                result.push(previous.lerp(corner, t));
-            }
-            if height >= 0.0 {
-                result.push(corner);
-            }
-            (previous, previous_height) = (corner, height);
-        }
-    }
-
-    /// The part seen from `eye` through the convex window `aperture`.
-    pub fn seen_through(&self, eye: DVec3, aperture: &Polygon) -> Self {
-        let mut result = *self;
-        for normal in aperture.sight_planes(eye).into_iter().flatten() {
-            result = result.clipped(normal, normal.dot(eye));
-            if result.is_empty() {
-                break;
-            }
-        }
->>>>>>> faer
-        result
+        clip(self.corners(), normal, offset, |corner| result.push(corner));
     }
 
     /// Unit normals, towards the polygon, of the planes through `eye` and each edge.
@@ -168,7 +137,6 @@ fn clip(corners: &[DVec3], normal: DVec3, offset: f64, mut visit: impl FnMut(DVe
 /// Irradiance at `point` with unit normal `normal` by a polygon of unit radiance: the configuration factor times π.
 /// The polygon is clipped to the horizon. The sign of its winding does not matter.
 pub fn irradiance(point: DVec3, normal: DVec3, polygon: &Polygon) -> f64 {
-<<<<<<< HEAD
     let height = normal.dot(point);
     if polygon.corners().iter().all(|c| normal.dot(*c) - height >= 0.0) {
         return irradiance_above(point, normal, polygon.corners());
@@ -189,17 +157,6 @@ pub fn irradiance_of(point: DVec3, normal: DVec3, corners: &[DVec3], spare: &mut
 
 /// The same by the corners of a polygon no part of which lies below the horizon.
 pub fn irradiance_above(point: DVec3, normal: DVec3, corners: &[DVec3]) -> f64 {
-=======
-    let horizon = normal.dot(point);
-    // What is above as a whole need not be copied.
-    let above;
-    let corners = if polygon.corners().iter().all(|c| normal.dot(*c) >= horizon) {
-        polygon.corners()
-    } else {
-        above = polygon.clipped(normal, horizon);
-        above.corners()
-    };
->>>>>>> faer
     if corners.len() < 3 {
         return 0.0;
     }
