@@ -3,6 +3,7 @@
 //! Does not know form factor methods or solvers.
 
 pub mod layers;
+pub mod lines;
 pub mod pixel;
 pub mod render;
 

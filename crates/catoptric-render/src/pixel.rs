@@ -14,6 +14,7 @@ use catoptric_trace::walk::split::{self, Sight, SplitParams};
 use catoptric_trace::{MediumStack, Ray};
 
 use crate::layers::{LightLayer, LightLayers};
+use crate::lines::{self, Footprint};
 
 /// What the eye sees first along a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,6 +42,8 @@ impl FirstHit {
 pub struct Sample {
     /// Light by layer.
     pub light: LightLayers,
+    /// Share of the pixel that lines along the edges of the display mesh cover, if they were asked for.
+    pub lines: f32,
     /// The first hit.
     pub first: FirstHit,
     /// Hash of what was met along the whole tree of branches: samples that differ in it straddle an edge.
@@ -58,11 +61,19 @@ pub struct Eye<'a> {
 }
 
 impl Eye<'_> {
-    /// Traces one eye ray.
-    pub fn sample(&self, origin: Vec3, direction: Vec3, key: Key, scratch: &mut Scratch) -> Sample {
+    /// Traces one eye ray. With a `footprint`, finds the lines of the display mesh, too.
+    pub fn sample(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        footprint: Option<Footprint>,
+        key: Key,
+        scratch: &mut Scratch,
+    ) -> Sample {
         let tracer = self.lights.tracer();
         let scene = tracer.scene();
         let mut light = LightLayers::default();
+        let mut lines = 0.0;
         let mut first = FirstHit::SKY;
         let mut trail = 0x811c_9dc5_u32;
         split::trace(
@@ -103,10 +114,13 @@ impl Eye<'_> {
                     };
                     trail = step(trail, facet, arrival.chain.len());
                     self.see(&arrival, &mut light, scratch);
+                    if let Some(footprint) = footprint {
+                        lines += lines::coverage(&self.solution.mesh, &arrival, footprint);
+                    }
                 }
             },
         );
-        Sample { light, first, trail }
+        Sample { light, lines, first, trail }
     }
 
     /// Adds what a surface sends to the eye.

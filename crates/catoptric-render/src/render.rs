@@ -17,6 +17,7 @@ use catoptric_trace::sequence::{Key, Purpose};
 use catoptric_trace::walk::split::SplitParams;
 
 use crate::layers::{LightLayers, NAMES};
+use crate::lines::{Footprint, LAYER as LINES};
 use crate::pixel::{Eye, FirstHit, Sample};
 
 /// Parameters of pass two.
@@ -38,6 +39,8 @@ pub struct RenderParams {
     pub contrast: f32,
     /// Write the light layers and the data layers (albedo, normal, depth, ids) beside the beauty.
     pub layers: bool,
+    /// Write the coverage by the lines of the display mesh beside the beauty.
+    pub mesh: bool,
 }
 
 impl RenderParams {
@@ -57,6 +60,7 @@ impl RenderParams {
             edge_samples,
             contrast: 0.1,
             layers: false,
+            mesh: false,
         }
     }
 }
@@ -83,6 +87,7 @@ pub struct Rendered {
 #[derive(Clone, Copy, Debug)]
 struct Pixel {
     light: LightLayers,
+    lines: f32,
     first: FirstHit,
     trail: u32,
 }
@@ -106,7 +111,8 @@ pub fn render(
             .map(|x| {
                 let key = Key::new(params.seed, Purpose::Pixel, (y * width + x) as u64);
                 let sample = shoot(&eye, camera, params, (x, y), (0.5, 0.5), key, scratch);
-                Pixel { light: sample.light, first: sample.first, trail: sample.trail }
+                let Sample { light, lines, first, trail } = sample;
+                Pixel { light, lines, first, trail }
             })
             .collect()
     })?;
@@ -167,7 +173,11 @@ fn shoot(
     scratch: &mut Scratch,
 ) -> Sample {
     let (origin, direction) = camera.ray(x as f32 + dx, y as f32 + dy, params.width, params.height);
-    eye.sample(origin + direction * camera.near, direction, key, scratch)
+    let footprint = params.mesh.then(|| {
+        let (beside, other) = camera.ray(x as f32 + dx + 1.0, y as f32 + dy, params.width, params.height);
+        Footprint { width: origin.distance(beside), spread: direction.distance(other) }
+    });
+    eye.sample(origin + direction * camera.near, direction, footprint, key, scratch)
 }
 
 /// The mean of a pixel's own grid of samples (box filter).
@@ -181,13 +191,16 @@ fn resample(
 ) -> Pixel {
     let key = Key::new(params.seed, Purpose::Pixel, (at.1 * params.width + at.0) as u64).child(1);
     let mut light = LightLayers::default();
+    let mut lines = 0.0;
     for index in 0..params.edge_samples {
         let offset = key.point2(index);
         let sample = shoot(eye, camera, params, at, (offset.x, offset.y), key.child(index), scratch);
         light.accumulate(&sample.light);
+        lines += sample.lines;
     }
-    light.scale(1.0 / params.edge_samples.max(1) as f32);
-    Pixel { light, ..*first }
+    let share = 1.0 / params.edge_samples.max(1) as f32;
+    light.scale(share);
+    Pixel { light, lines: lines * share, ..*first }
 }
 
 fn mean_luminance(pixels: &[Pixel]) -> f32 {
@@ -242,6 +255,9 @@ fn image(pixels: &[Pixel], params: &RenderParams) -> Image {
         }
         image.push_channel("depth.Z", pixels.iter().map(|p| p.first.depth).collect());
         image.push_channel("id.surface", pixels.iter().map(|p| p.first.surface as f32).collect());
+    }
+    if params.mesh {
+        image.push_channel(LINES, pixels.iter().map(|p| p.lines.min(1.0)).collect());
     }
     image
 }

@@ -9,7 +9,7 @@ use catoptric_scene::{Camera, Progress};
 use catoptric_solution::Solution;
 use catoptric_trace::Tracer;
 
-use crate::args::RenderArgs;
+use crate::args::{Layers, RenderArgs};
 use crate::failure::{Failure, did_you_mean};
 use crate::input::{Input, Light};
 use crate::output::{self, Outputs, Tag, in_file_name};
@@ -32,7 +32,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
 
     // Say what cannot work before anything is computed.
     let mut outputs =
-        Outputs::new(args.output.as_deref(), args.preview.as_deref(), args.layers, args.exposure)?;
+        Outputs::new(args.output.as_deref(), args.preview.as_deref(), &args.layers, args.exposure)?;
     let report_file = args.run.json.clone().flatten();
     reporter.begin_deaf("load");
     let light = args.solution.as_deref().map_or(Light::Own, Light::Beside);
@@ -182,7 +182,8 @@ fn params(args: &RenderArgs, solution: &Solution, view: &View) -> RenderParams {
     params.walk.max_depth = args.transport.max_depth;
     params.light = pass_one::light_of(solution);
     params.seed = args.transport.seed;
-    params.layers = args.layers;
+    params.layers = args.layers.contains(&Layers::Light);
+    params.mesh = args.layers.contains(&Layers::Mesh);
     params
 }
 

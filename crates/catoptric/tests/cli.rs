@@ -141,6 +141,25 @@ fn mirrors_light_the_floor_and_with_plain_they_do_not() {
 }
 
 #[test]
+fn the_mesh_is_drawn_over_a_picture_and_is_a_layer_of_an_exr() {
+    let bench = Bench::new();
+    for options in [&["-o", "plain.png"][..], &["-o", "mesh.png", "--layers", "mesh"][..]] {
+        let run = bench.render(&[options, &["--size", "32"]].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+    }
+    let [plain, mesh] = ["plain.png", "mesh.png"].map(|name| fs::read(bench.path(name)).unwrap());
+    assert_ne!(plain, mesh);
+
+    let run = bench.render(&["-o", "mesh.exr", "--layers", "mesh", "--size", "32"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let image = Image::read(&bench.path("mesh.exr"), &ReadLimits::default()).unwrap();
+    let lines = image.channel("mesh.Y").unwrap();
+    assert!(lines.iter().all(|covered| (0.0..=1.0).contains(covered)));
+    assert!(lines.iter().any(|covered| *covered > 0.5) && lines.iter().any(|covered| *covered < 0.1));
+    assert!(image.rgb("direct").is_none());
+}
+
+#[test]
 fn cameras_and_frames_have_their_names_before_the_extension() {
     let bench = Bench::new();
     let run = bench.render(&["-o", "v.exr", "--camera", "all", "--size", "8", "--json"]);
