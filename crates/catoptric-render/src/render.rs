@@ -3,6 +3,7 @@
 //! Anti-aliasing is adaptive and unbiased: which pixels get more samples is decided by other samples than those that
 //! they are made of. A first ray through each pixel's centre leaves a trail of what it met; pixels whose trail differs
 //! from a neighbour's, or whose radiance bends, are sampled again on a grid of their own, and the first ray is not used.
+//! Pixels in or beside a penumbra that shadow rays found are sampled again through the centre, by more of them.
 
 use rayon::prelude::*;
 
@@ -16,9 +17,10 @@ use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose};
 use catoptric_trace::walk::split::SplitParams;
 
+use crate::direct::{DirectLight, ShadowRays};
 use crate::layers::{LightLayers, NAMES};
 use crate::lines::{Footprint, LAYER as LINES};
-use crate::pixel::{Eye, FirstHit, Sample};
+use crate::pixel::{Eye, Sample};
 
 /// Parameters of pass two.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +33,8 @@ pub struct RenderParams {
     pub walk: SplitParams,
     /// Sources, as pass one saw them.
     pub light: LightParams,
+    /// Where their light on diffuse surfaces comes from.
+    pub direct: DirectLight,
     /// Seed of all sequences.
     pub seed: u32,
     /// Samples of a pixel on an edge.
@@ -56,6 +60,7 @@ impl RenderParams {
             height,
             walk: SplitParams::default(),
             light: LightParams::default(),
+            direct: DirectLight::Vertices,
             seed: 0,
             edge_samples,
             contrast: 0.1,
@@ -72,6 +77,8 @@ pub struct RenderReport {
     pub samples: u64,
     /// Pixels that were sampled again.
     pub refined_pixels: u64,
+    /// Of them, those where only a penumbra was seen, by one sample.
+    pub penumbra_pixels: u64,
 }
 
 /// The result of pass two.
@@ -81,15 +88,6 @@ pub struct Rendered {
     pub image: Image,
     /// What was done.
     pub report: RenderReport,
-}
-
-/// A finished pixel.
-#[derive(Clone, Copy, Debug)]
-struct Pixel {
-    light: LightLayers,
-    lines: f32,
-    first: FirstHit,
-    trail: u32,
 }
 
 /// Renders a view.
@@ -110,35 +108,40 @@ pub fn render(
         (0..width)
             .map(|x| {
                 let key = Key::new(params.seed, Purpose::Pixel, (y * width + x) as u64);
-                let sample = shoot(&eye, camera, params, (x, y), (0.5, 0.5), key, scratch);
-                let Sample { light, lines, first, trail } = sample;
-                Pixel { light, lines, first, trail }
+                shoot(&eye, camera, params, (x, y), (0.5, 0.5), shadow_rays(params, 0), key, scratch)
             })
             .collect()
     })?;
 
     // Pixels beside an edge are made of new samples.
     let exposure = mean_luminance(&first).max(1e-30);
-    let needs: Vec<bool> = (0..width * height)
+    let needs: Vec<Need> = (0..width * height)
         .map(|i| needs_more(&first, width, height, i % width, i / width, exposure, params.contrast))
         .collect();
     let refined = rows(height, progress, |y, scratch| {
         (0..width)
             .map(|x| {
                 let index = y * width + x;
-                if needs[index] {
-                    resample(&eye, camera, params, (x, y), &first[index], scratch)
-                } else {
-                    first[index]
+                match needs[index] {
+                    Need::Nothing => first[index],
+                    Need::Shadows => {
+                        let key = again(params, (x, y)).child(0);
+                        let rays = shadow_rays(params, 1);
+                        let sample = shoot(&eye, camera, params, (x, y), (0.5, 0.5), rays, key, scratch);
+                        Sample { light: sample.light, ..first[index] }
+                    }
+                    Need::Samples => resample(&eye, camera, params, (x, y), &first[index], scratch),
                 }
             })
             .collect()
     })?;
 
-    let refined_pixels = needs.iter().filter(|n| **n).count() as u64;
+    let count = |need: Need| needs.iter().filter(|n| **n == need).count() as u64;
+    let (edges, penumbra_pixels) = (count(Need::Samples), count(Need::Shadows));
     let report = RenderReport {
-        samples: (width * height) as u64 + refined_pixels * u64::from(params.edge_samples),
-        refined_pixels,
+        samples: (width * height) as u64 + edges * u64::from(params.edge_samples) + penumbra_pixels,
+        refined_pixels: edges + penumbra_pixels,
+        penumbra_pixels,
     };
     Ok(Rendered { image: image(&refined, params), report })
 }
@@ -147,9 +150,9 @@ pub fn render(
 fn rows(
     height: usize,
     progress: &dyn Progress,
-    row: impl Fn(usize, &mut Scratch) -> Vec<Pixel> + Sync,
-) -> Result<Vec<Pixel>, Cancelled> {
-    let rows: Result<Vec<Vec<Pixel>>, Cancelled> = (0..height)
+    row: impl Fn(usize, &mut Scratch) -> Vec<Sample> + Sync,
+) -> Result<Vec<Sample>, Cancelled> {
+    let rows: Result<Vec<Vec<Sample>>, Cancelled> = (0..height)
         .into_par_iter()
         .map(|y| {
             if progress.is_cancelled() {
@@ -169,6 +172,7 @@ fn shoot(
     params: &RenderParams,
     (x, y): (usize, usize),
     (dx, dy): (f32, f32),
+    shadow_rays: Option<u32>,
     key: Key,
     scratch: &mut Scratch,
 ) -> Sample {
@@ -177,7 +181,7 @@ fn shoot(
         let (beside, other) = camera.ray(x as f32 + dx + 1.0, y as f32 + dy, params.width, params.height);
         Footprint { width: origin.distance(beside), spread: direction.distance(other) }
     });
-    eye.sample(origin + direction * camera.near, direction, footprint, key, scratch)
+    eye.sample(origin + direction * camera.near, direction, footprint, shadow_rays, key, scratch)
 }
 
 /// The mean of a pixel's own grid of samples (box filter).
@@ -186,62 +190,99 @@ fn resample(
     camera: &Camera,
     params: &RenderParams,
     at: (usize, usize),
-    first: &Pixel,
+    first: &Sample,
     scratch: &mut Scratch,
-) -> Pixel {
-    let key = Key::new(params.seed, Purpose::Pixel, (at.1 * params.width + at.0) as u64).child(1);
+) -> Sample {
+    let key = again(params, at);
+    let rays = shadow_rays(params, params.edge_samples);
     let mut light = LightLayers::default();
     let mut lines = 0.0;
     for index in 0..params.edge_samples {
         let offset = key.point2(index);
-        let sample = shoot(eye, camera, params, at, (offset.x, offset.y), key.child(index), scratch);
+        let sample = shoot(eye, camera, params, at, (offset.x, offset.y), rays, key.child(index), scratch);
         light.accumulate(&sample.light);
         lines += sample.lines;
     }
     let share = 1.0 / params.edge_samples.max(1) as f32;
     light.scale(share);
-    Pixel { light, lines: lines * share, ..*first }
+    Sample { light, lines: lines * share, ..*first }
 }
 
-fn mean_luminance(pixels: &[Pixel]) -> f32 {
+fn mean_luminance(pixels: &[Sample]) -> f32 {
     let sum: f64 = pixels.iter().map(|p| f64::from(p.light.beauty().dot(LUMINANCE))).sum();
     (sum / pixels.len().max(1) as f64) as f32
 }
 
+/// What a pixel is sampled again for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Need {
+    /// The first ray is enough.
+    Nothing,
+    /// A penumbra calls for more shadow rays.
+    Shadows,
+    /// An edge calls for more samples.
+    Samples,
+}
+
+/// Shadow rays of a sample: the first one of a pixel (`again` = 0), or one of so many that are taken again.
+fn shadow_rays(params: &RenderParams, again: u32) -> Option<u32> {
+    match params.direct {
+        DirectLight::Vertices => None,
+        DirectLight::Pixels(ShadowRays { first, .. }) if again == 0 => Some(first),
+        // Those of several samples do not share their strata.
+        DirectLight::Pixels(ShadowRays { penumbra, .. }) if again == 1 => Some(penumbra),
+        DirectLight::Pixels(ShadowRays { penumbra, .. }) => Some((2 * penumbra / again).max(1)),
+    }
+}
+
+/// Key of the samples that a pixel is made of where its first one is not used.
+fn again(params: &RenderParams, (x, y): (usize, usize)) -> Key {
+    Key::new(params.seed, Purpose::Pixel, (y * params.width + x) as u64).child(1)
+}
+
+/// Times `contrast` by which penumbrae differ from pixel to pixel where they are as sharp as an edge; less may be the noise
+/// of few shadow rays.
+const SHARP: f32 = 5.0;
+
 /// Whether a pixel's neighbours met other things, or differ in brightness by more than `contrast`.
 fn needs_more(
-    pixels: &[Pixel],
+    pixels: &[Sample],
     width: usize,
     height: usize,
     x: usize,
     y: usize,
     exposure: f32,
     contrast: f32,
-) -> bool {
+) -> Need {
     let own = &pixels[y * width + x];
-    let shown = |p: &Pixel| {
-        // Differences count as they are seen: relative in the light, absolute in the dark.
-        let beauty: Rgb = p.light.beauty();
-        (beauty / exposure + Rgb::splat(0.1)).map(libm::logf)
-    };
-    let tone = shown(own);
+    // Differences count as they are seen: relative in the light, absolute in the dark.
+    let shown = |light: Rgb| (light / exposure + Rgb::splat(0.1)).map(libm::logf);
+    let (tone, open) = (shown(own.light.beauty()), shown(own.open));
+    let mut need = if own.penumbra { Need::Shadows } else { Need::Nothing };
     for (dx, dy) in [(-1_i64, 0_i64), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)] {
         let (nx, ny) = (x as i64 + dx, y as i64 + dy);
         if nx < 0 || ny < 0 || nx >= width as i64 || ny >= height as i64 {
             continue;
         }
         let other = &pixels[ny as usize * width + nx as usize];
-        if other.trail != own.trail || (shown(other) - tone).abs().max_element() > contrast {
-            return true;
+        let difference = (shown(other.light.beauty()) - tone).abs().max_element();
+        let is_edge = if own.penumbra || other.penumbra {
+            need = Need::Shadows;
+            difference > SHARP * contrast || (shown(other.open) - open).abs().max_element() > contrast
+        } else {
+            difference > contrast
+        };
+        if other.trail != own.trail || is_edge {
+            return Need::Samples;
         }
     }
-    false
+    need
 }
 
 /// Puts the layers into an image.
-fn image(pixels: &[Pixel], params: &RenderParams) -> Image {
+fn image(pixels: &[Sample], params: &RenderParams) -> Image {
     let mut image = Image::new(params.width, params.height);
-    let rgb = |value: &dyn Fn(&Pixel) -> Rgb| -> Vec<[f32; 3]> {
+    let rgb = |value: &dyn Fn(&Sample) -> Rgb| -> Vec<[f32; 3]> {
         pixels.iter().map(|p| value(p).to_array()).collect()
     };
     image.push_rgb_layer("", &rgb(&|p| p.light.beauty()));

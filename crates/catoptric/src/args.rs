@@ -132,6 +132,11 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_enum, value_name = "LAYERS", num_args = 0..=1, default_missing_value = "light", value_delimiter = ',')]
     pub(crate) layers: Vec<Layers>,
 
+    /// Light of area emitters on diffuse surfaces, straight and over planar mirrors: read from the mesh, or evaluated at each
+    /// pixel, slower and sharper.
+    #[arg(long, value_enum, default_value_t = Direct::Vertices)]
+    pub(crate) direct: Direct,
+
     /// Exposure of PNGs in stops. Without it: chosen by the first image.
     #[arg(long, value_name = "EV", allow_negative_numbers = true)]
     pub(crate) exposure: Option<f32>,
@@ -144,6 +149,15 @@ pub(crate) struct RenderArgs {
     pub(crate) transport: TransportArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
+}
+
+/// Where the light of area emitters comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Direct {
+    /// From the mesh, where it is stored: any number of views cost no more shadow rays.
+    Vertices,
+    /// From the emitters, by shadow rays at each pixel: shadows as sharp as they are, and some noise in penumbrae.
+    Pixels,
 }
 
 /// Groups of layers.

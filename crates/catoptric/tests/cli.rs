@@ -95,13 +95,20 @@ fn a_solution_gives_the_same_bits_by_every_way() {
 fn the_sky_travels_with_the_solution() {
     let bench = Bench::new();
     let sky = ["--sky", "0.5,1,2"];
-    assert_eq!(bench.render(&[&["-o", "straight.exr", "--size", "16"], &sky[..]].concat()).code, 0);
     let solve = ["solve", "scene.gltf", "-o", "solved.glb", "--quality", "draft"];
     assert_eq!(bench.run(&[&solve[..], &sky[..]].concat()).code, 0);
     let render = ["render", "solved.glb", "-o", "own.exr", "--size", "16", "--quality", "draft"];
-    assert_eq!(bench.run(&render).code, 0);
-    let bytes = |name: &str| fs::read(bench.path(name)).unwrap();
-    assert!(bytes("straight.exr") == bytes("own.exr"), "the solved file gives another picture");
+    // At each pixel, too, where light of the sky and of lamps part.
+    for direct in [["--direct", "vertices"], ["--direct", "pixels"]] {
+        let straight = [&["-o", "straight.exr", "--size", "16"], &sky[..], &direct].concat();
+        assert_eq!(bench.render(&straight).code, 0);
+        assert_eq!(bench.run(&[&render[..], &direct].concat()).code, 0);
+        let bytes = |name: &str| fs::read(bench.path(name)).unwrap();
+        assert!(
+            bytes("straight.exr") == bytes("own.exr"),
+            "the solved file gives another picture: {direct:?}"
+        );
+    }
 
     // Another sky is other light.
     let other = bench.run(&[&render[..], &["--sky", "1"]].concat());
