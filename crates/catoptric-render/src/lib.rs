@@ -5,6 +5,7 @@
 pub mod direct;
 pub mod layers;
 pub mod lines;
+mod needs;
 pub mod pixel;
 pub mod render;
 

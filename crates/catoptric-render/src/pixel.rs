@@ -55,6 +55,18 @@ pub struct Sample {
     pub trail: u32,
 }
 
+impl Sample {
+    /// What is there before a ray is shot.
+    pub(crate) const NOTHING: Self = Self {
+        light: LightLayers::DARK,
+        open: Rgb::ZERO,
+        penumbra: false,
+        lines: 0.0,
+        first: FirstHit::SKY,
+        trail: 0,
+    };
+}
+
 /// What a view needs.
 pub struct Eye<'a> {
     /// Sources, for punctual lights per pixel.

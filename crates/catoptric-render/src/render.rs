@@ -10,7 +10,6 @@ use rayon::prelude::*;
 use catoptric_image::Image;
 use catoptric_light::irradiance::Scratch;
 use catoptric_light::{LightParams, Lights};
-use catoptric_scene::quantity::LUMINANCE;
 use catoptric_scene::{Camera, Cancelled, Progress, Rgb};
 use catoptric_solution::{Quality, Solution};
 use catoptric_trace::Tracer;
@@ -20,6 +19,7 @@ use catoptric_trace::walk::split::SplitParams;
 use crate::direct::{DirectLight, ShadowRays};
 use crate::layers::{LightLayers, NAMES};
 use crate::lines::{Footprint, LAYER as LINES};
+use crate::needs::{Need, needs};
 use crate::pixel::{Eye, Sample};
 
 /// Parameters of pass two.
@@ -104,36 +104,22 @@ pub fn render(
 
     // One ray through the centre of every pixel.
     progress.begin("image", 2 * height as u64);
-    let first = rows(height, progress, |y, scratch| {
-        (0..width)
-            .map(|x| {
-                let key = Key::new(params.seed, Purpose::Pixel, (y * width + x) as u64);
-                shoot(&eye, camera, params, (x, y), (0.5, 0.5), shadow_rays(params, 0), key, scratch)
-            })
-            .collect()
+    let mut pixels = vec![Sample::NOTHING; width * height];
+    rows(&mut pixels, width, progress, |at, pixel, scratch| {
+        let key = Key::new(params.seed, Purpose::Pixel, (at.1 * width + at.0) as u64);
+        *pixel = shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 0), key, scratch);
     })?;
 
     // Pixels beside an edge are made of new samples.
-    let exposure = mean_luminance(&first).max(1e-30);
-    let needs: Vec<Need> = (0..width * height)
-        .map(|i| needs_more(&first, width, height, i % width, i / width, exposure, params.contrast))
-        .collect();
-    let refined = rows(height, progress, |y, scratch| {
-        (0..width)
-            .map(|x| {
-                let index = y * width + x;
-                match needs[index] {
-                    Need::Nothing => first[index],
-                    Need::Shadows => {
-                        let key = again(params, (x, y)).child(0);
-                        let rays = shadow_rays(params, 1);
-                        let sample = shoot(&eye, camera, params, (x, y), (0.5, 0.5), rays, key, scratch);
-                        Sample { light: sample.light, ..first[index] }
-                    }
-                    Need::Samples => resample(&eye, camera, params, (x, y), &first[index], scratch),
-                }
-            })
-            .collect()
+    let needs = needs(&pixels, width, height, params.contrast);
+    rows(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
+        Need::Nothing => {}
+        Need::Shadows => {
+            let key = again(params, at).child(0);
+            pixel.light =
+                shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 1), key, scratch).light;
+        }
+        Need::Samples => resample(&eye, camera, params, at, pixel, scratch),
     })?;
 
     let count = |need: Need| needs.iter().filter(|n| **n == need).count() as u64;
@@ -143,27 +129,27 @@ pub fn render(
         refined_pixels: edges + penumbra_pixels,
         penumbra_pixels,
     };
-    Ok(Rendered { image: image(&refined, params), report })
+    Ok(Rendered { image: image(&pixels, params), report })
 }
 
-/// Rows in parallel, in order.
+/// Works on every pixel, rows in parallel.
 fn rows(
-    height: usize,
+    pixels: &mut [Sample],
+    width: usize,
     progress: &dyn Progress,
-    row: impl Fn(usize, &mut Scratch) -> Vec<Sample> + Sync,
-) -> Result<Vec<Sample>, Cancelled> {
-    let rows: Result<Vec<Vec<Sample>>, Cancelled> = (0..height)
-        .into_par_iter()
-        .map(|y| {
-            if progress.is_cancelled() {
-                return Err(Cancelled);
-            }
-            let pixels = row(y, &mut Scratch::default());
-            progress.advance(1);
-            Ok(pixels)
-        })
-        .collect();
-    Ok(rows?.into_iter().flatten().collect())
+    work: impl Fn((usize, usize), &mut Sample, &mut Scratch) + Sync,
+) -> Result<(), Cancelled> {
+    pixels.par_chunks_mut(width).enumerate().try_for_each(|(y, row)| {
+        if progress.is_cancelled() {
+            return Err(Cancelled);
+        }
+        let mut scratch = Scratch::default();
+        for (x, pixel) in row.iter_mut().enumerate() {
+            work((x, y), pixel, &mut scratch);
+        }
+        progress.advance(1);
+        Ok(())
+    })
 }
 
 fn shoot(
@@ -184,15 +170,15 @@ fn shoot(
     eye.sample(origin + direction * camera.near, direction, footprint, shadow_rays, key, scratch)
 }
 
-/// The mean of a pixel's own grid of samples (box filter).
+/// Replaces the light of a pixel by the mean of its own grid of samples (box filter).
 fn resample(
     eye: &Eye,
     camera: &Camera,
     params: &RenderParams,
     at: (usize, usize),
-    first: &Sample,
+    pixel: &mut Sample,
     scratch: &mut Scratch,
-) -> Sample {
+) {
     let key = again(params, at);
     let rays = shadow_rays(params, params.edge_samples);
     let mut light = LightLayers::default();
@@ -205,23 +191,8 @@ fn resample(
     }
     let share = 1.0 / params.edge_samples.max(1) as f32;
     light.scale(share);
-    Sample { light, lines: lines * share, ..*first }
-}
-
-fn mean_luminance(pixels: &[Sample]) -> f32 {
-    let sum: f64 = pixels.iter().map(|p| f64::from(p.light.beauty().dot(LUMINANCE))).sum();
-    (sum / pixels.len().max(1) as f64) as f32
-}
-
-/// What a pixel is sampled again for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Need {
-    /// The first ray is enough.
-    Nothing,
-    /// A penumbra calls for more shadow rays.
-    Shadows,
-    /// An edge calls for more samples.
-    Samples,
+    pixel.light = light;
+    pixel.lines = lines * share;
 }
 
 /// Shadow rays of a sample: the first one of a pixel (`again` = 0), or one of so many that are taken again.
@@ -238,45 +209,6 @@ fn shadow_rays(params: &RenderParams, again: u32) -> Option<u32> {
 /// Key of the samples that a pixel is made of where its first one is not used.
 fn again(params: &RenderParams, (x, y): (usize, usize)) -> Key {
     Key::new(params.seed, Purpose::Pixel, (y * params.width + x) as u64).child(1)
-}
-
-/// Times `contrast` by which penumbrae differ from pixel to pixel where they are as sharp as an edge; less may be the noise
-/// of few shadow rays.
-const SHARP: f32 = 5.0;
-
-/// Whether a pixel's neighbours met other things, or differ in brightness by more than `contrast`.
-fn needs_more(
-    pixels: &[Sample],
-    width: usize,
-    height: usize,
-    x: usize,
-    y: usize,
-    exposure: f32,
-    contrast: f32,
-) -> Need {
-    let own = &pixels[y * width + x];
-    // Differences count as they are seen: relative in the light, absolute in the dark.
-    let shown = |light: Rgb| (light / exposure + Rgb::splat(0.1)).map(libm::logf);
-    let (tone, open) = (shown(own.light.beauty()), shown(own.open));
-    let mut need = if own.penumbra { Need::Shadows } else { Need::Nothing };
-    for (dx, dy) in [(-1_i64, 0_i64), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)] {
-        let (nx, ny) = (x as i64 + dx, y as i64 + dy);
-        if nx < 0 || ny < 0 || nx >= width as i64 || ny >= height as i64 {
-            continue;
-        }
-        let other = &pixels[ny as usize * width + nx as usize];
-        let difference = (shown(other.light.beauty()) - tone).abs().max_element();
-        let is_edge = if own.penumbra || other.penumbra {
-            need = Need::Shadows;
-            difference > SHARP * contrast || (shown(other.open) - open).abs().max_element() > contrast
-        } else {
-            difference > contrast
-        };
-        if other.trail != own.trail || is_edge {
-            return Need::Samples;
-        }
-    }
-    need
 }
 
 /// Puts the layers into an image.
