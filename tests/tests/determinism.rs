@@ -1,6 +1,7 @@
 //! Same bits: for any number of threads and any order in which the tree is built.
 
 use catoptric_radiosity::{SolveParams, solve};
+use catoptric_render::direct::{DirectLight, ShadowRays};
 use catoptric_render::{RenderParams, render};
 use catoptric_scene::{
     Camera, Material, Projection, PunctualKind, PunctualLight, Radiance, Rgb, Scene, SceneParts, Silent,
@@ -46,12 +47,17 @@ fn room() -> Scene {
     Scene::new(parts).expect("a valid scene")
 }
 
-/// The bytes of the EXR with all layers.
+/// The bytes of the EXRs with all layers: light of sources from the vertices, and at each pixel.
 fn picture(scene: &Scene, tracer: &Tracer) -> Vec<u8> {
     let solved = solve(tracer, &SolveParams::for_quality(Quality::Draft), &Silent).expect("not cancelled");
     let params = RenderParams { layers: true, ..RenderParams::for_quality(Quality::Draft, 40, 40) };
-    let rendered = render(tracer, &solved.solution, &scene.cameras()[0], &params, &Silent);
-    rendered.expect("not cancelled").image.encode_exr().expect("an image can be encoded")
+    let pixels = DirectLight::Pixels(ShadowRays::for_quality(Quality::Draft));
+    let views = [params.clone(), RenderParams { direct: pixels, mesh: true, ..params }];
+    let picture = |view: &RenderParams| {
+        let rendered = render(tracer, &solved.solution, &scene.cameras()[0], view, &Silent);
+        rendered.expect("not cancelled").image.encode_exr().expect("an image can be encoded")
+    };
+    views.iter().flat_map(picture).collect()
 }
 
 fn with_threads(threads: usize, work: impl FnOnce() -> Vec<u8> + Send) -> Vec<u8> {

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use catoptric_image::Image;
 use catoptric_radiosity::{SolveParams, solve};
+use catoptric_render::direct::{DirectLight, ShadowRays};
 use catoptric_render::{RenderParams, render};
 use catoptric_scene::{
     Camera, Lobe, Material, Projection, Radiance, Rgb, Scene, SceneParts, Silent, Sky, SkyImage, gltf,
@@ -171,6 +172,53 @@ fn a_sky_with_a_small_sun_agrees() {
         let index = LAYERS.iter().position(|l| *l == layer).expect("a layer");
         assert_eq!(caught[index], [true; 2], "nobody would notice if `{layer}` were missing or doubled");
     }
+}
+
+/// Light of sources at each pixel, of which the mesh and pass one have no part.
+fn per_pixel(scene: &Scene) -> Image {
+    let tracer = Tracer::new(scene);
+    let camera = scene.cameras().first().expect("scenes have a camera");
+    let solved = solve(&tracer, &SolveParams::for_quality(Quality::Draft), &Silent).expect("not cancelled");
+    let params = RenderParams::for_quality(Quality::Standard, WIDTH, camera.height_for_width(WIDTH));
+    let direct = DirectLight::Pixels(ShadowRays::for_quality(Quality::Standard));
+    let params = RenderParams { layers: true, direct, ..params };
+    render(&tracer, &solved.solution, camera, &params, &Silent).expect("not cancelled").image
+}
+
+#[test]
+fn light_of_sources_at_each_pixel_agrees() {
+    let layers = ["direct", "mirrored", "specular.direct", "specular.mirrored"];
+    let names = ["cornell_box", "cornell_mirror", "mirror_corner", "spot_mirror", "window_pane_room", "pool"];
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes");
+    let mut scenes: Vec<(&str, Scene)> =
+        names.iter().map(|name| (*name, load(&folder.join(format!("{name}.glb"))))).collect();
+    // The dim sky is read from the vertices of a draft, its sun is evaluated.
+    scenes.push(("under_the_sun", under_the_sun()));
+    let level = FAMILY / (scenes.len() * comparisons(WIDTH, WIDTH, layers.len())) as f64;
+    let mut caught = [[false; 2]; 4];
+    for (name, scene) in &scenes {
+        let (image, twin) = (per_pixel(scene), twin_of(scene, 4 * SAMPLES));
+        for (layer, caught) in layers.iter().zip(&mut caught).filter(|(l, _)| is_comparable(scene, l)) {
+            // A sixteenth of the pixels' own samples: their noise is far below the twin's.
+            let allowance = match *name {
+                "under_the_sun" => Allowance::default(),
+                _ => Allowance { relative: 0.005, of_image: 0.0005 },
+            };
+            let test = |factor: f32| -> Vec<Mismatch> {
+                let pixels = image.rgb(layer).expect("every layer is written");
+                let changed: Vec<[f32; 3]> = pixels.iter().map(|p| p.map(|v| v * factor)).collect();
+                compare(&changed, &twin, &[layer], level, allowance)
+            };
+            let mismatches = test(1.0);
+            if let Some(first) = mismatches.first() {
+                keep(name, &image, &twin);
+                panic!("{name}: {first}");
+            }
+            caught[0] |= !test(0.0).is_empty();
+            caught[1] |= !test(2.0).is_empty();
+        }
+    }
+    assert_eq!(caught, [[true; 2]; 4], "a layer could be missing or doubled unnoticed: {layers:?}");
 }
 
 /// A box with a lamp of exponent `n` under its ceiling, a mirror on its left and a ball of glass below the lamp.

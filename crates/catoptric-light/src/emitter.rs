@@ -360,17 +360,16 @@ impl Emitters {
             return;
         }
         let lamp_of = |cell: &Cell| lamps.iter().position(|l| l.triangles.contains(&cell.triangles[0].0));
-        let (of_lamps, others): (Vec<(usize, Cell)>, Vec<(usize, Cell)>) = cells
-            .iter()
-            .map(|cell| (lamp_of(cell).unwrap_or(usize::MAX), *cell))
-            .partition(|(lamp, _)| *lamp != usize::MAX);
-        let others: Vec<Cell> = others.into_iter().map(|(_, cell)| cell).collect();
+        let of_lamps: Vec<Option<usize>> = cells.iter().map(lamp_of).collect();
+        let of =
+            |lamp: Option<usize>| cells.iter().zip(&of_lamps).filter(move |c| *c.1 == lamp).map(|c| *c.0);
+        let others: Vec<Cell> = of(None).collect();
         let (tree, order) = LightTree::new(&others);
         self.tree = tree;
         self.cells = in_order(&others, &order);
         for (index, lamp) in lamps.iter_mut().enumerate() {
             let start = self.cells.len() as u32;
-            self.cells.extend(of_lamps.iter().filter(|c| c.0 == index).map(|c| c.1));
+            self.cells.extend(of(Some(index)));
             lamp.cells = start..self.cells.len() as u32;
         }
         self.lamps = lamps;

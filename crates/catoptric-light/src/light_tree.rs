@@ -239,10 +239,8 @@ impl LightTree {
     /// What a node is to a view.
     fn look(&self, cells: &[Cell], view: &View, index: u32) -> Look {
         let node = &self.nodes[index as usize];
-        if node.children.is_none() {
-            if !cells[node.first as usize].faces(view.point) {
-                return Look::Dark;
-            }
+        if node.children.is_none() && !cells[node.first as usize].faces(view.point) {
+            return Look::Dark;
         }
         let offset = node.center - view.point;
         let height = view.geometric.dot(offset);

@@ -551,27 +551,3 @@ pub fn barycentric(tracer: &Tracer, triangle: TriangleId, position: Vec3) -> Bar
     let v = (e.cross(p).dot(n) / d).clamp(0.0, 1.0 - u);
     Barycentric { u: u as f32, v: v as f32 }
 }
-
-impl FaceDraft {
-    /// The triangle of the face that holds a point best.
-    pub fn triangle_at(&self, tracer: &Tracer, position: Vec3) -> TriangleId {
-        if self.triangles.len() == 1 {
-            return self.triangles[0];
-        }
-        let p = self.frame.flat(position.as_dvec3());
-        let mut best = (f64::NEG_INFINITY, self.triangles[0]);
-        for &id in &self.triangles {
-            let [a, b, c] = tracer.scene().corners(id).map(|q| self.frame.flat(q.as_dvec3()));
-            let area = (b - a).perp_dot(c - a);
-            let depths = [(a, b), (b, c), (c, a)].map(|(q, r)| (r - q).perp_dot(p - q) / area);
-            let depth = depths[0].min(depths[1]).min(depths[2]);
-            if depth >= 0.0 {
-                return id;
-            }
-            if depth > best.0 {
-                best = (depth, id);
-            }
-        }
-        best.1
-    }
-}

@@ -8,6 +8,8 @@ use glam::{DVec2, DVec3, Vec3};
 use catoptric_scene::{Side, TriangleId};
 use catoptric_trace::{PlaneId, Tracer};
 
+use crate::face_grid::FaceGrid;
+
 /// A flat region of one material on one side.
 #[derive(Clone, Debug)]
 pub struct FaceDraft {
@@ -21,6 +23,8 @@ pub struct FaceDraft {
     pub curved: bool,
     /// Frame of plane coordinates.
     pub frame: Frame,
+    /// Finds triangles by place where there are many.
+    pub grid: Option<FaceGrid>,
 }
 
 /// Plane coordinates: p = origin + x·axes\[0\] + y·axes\[1\].
@@ -133,10 +137,12 @@ fn push_sides(
     frame: Frame,
 ) {
     let back = tracer.has_back(triangles[0]);
+    let grid = FaceGrid::new(tracer.scene(), &frame, &triangles);
+    let front = FaceDraft { triangles, side: Side::Front, plane, curved, frame, grid };
     if back {
-        faces.push(FaceDraft { triangles: triangles.clone(), side: Side::Back, plane, curved, frame });
+        faces.push(FaceDraft { side: Side::Back, ..front.clone() });
     }
-    faces.push(FaceDraft { triangles, side: Side::Front, plane, curved, frame });
+    faces.push(front);
 }
 
 /// Splits triangles into groups that hang together by common corners.

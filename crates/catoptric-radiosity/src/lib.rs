@@ -7,6 +7,7 @@ pub mod coarse;
 pub mod contact;
 pub mod draft;
 pub mod face;
+pub mod face_grid;
 mod final_gather;
 pub mod fit;
 pub mod frames;

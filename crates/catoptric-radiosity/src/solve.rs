@@ -547,9 +547,14 @@ fn assemble(
         let [direct, mirrored, caustic, indirect] = terms[v as usize];
         solution.irradiance[Term::Direct.index()].push(source.direct + direct);
         solution.irradiance[Term::Mirrored.index()].push(source.mirrored + mirrored);
+        solution.gathered[Term::Direct.index()].push(direct);
+        solution.gathered[Term::Mirrored.index()].push(mirrored);
         solution.irradiance[Term::Caustic.index()].push(caustic);
         solution.irradiance[Term::Indirect.index()].push(indirect);
         solution.punctual.push(source.punctual);
+    }
+    for values in solution.gathered.iter_mut().filter(|values| values.iter().all(|v| *v == Rgb::ZERO)) {
+        values.clear();
     }
     solution.patches = patch_radiosity(patches, indirect, sent);
     solution

@@ -42,6 +42,9 @@ pub struct LightLayers {
 }
 
 impl LightLayers {
+    /// No light.
+    pub const DARK: Self = Self { values: [Rgb::ZERO; 2 * CLASSES] };
+
     /// Adds radiance to a layer.
     #[inline]
     pub fn add(&mut self, layer: LightLayer, through_specular: bool, radiance: Rgb) {

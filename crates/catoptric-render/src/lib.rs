@@ -2,8 +2,12 @@
 //!
 //! Does not know form factor methods or solvers.
 
+pub mod direct;
 pub mod layers;
+pub mod lines;
+mod needs;
 pub mod pixel;
 pub mod render;
 
+pub use direct::DirectLight;
 pub use render::{RenderParams, RenderReport, Rendered, render};

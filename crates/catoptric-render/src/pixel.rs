@@ -13,7 +13,9 @@ use catoptric_trace::walk::Arrival;
 use catoptric_trace::walk::split::{self, Sight, SplitParams};
 use catoptric_trace::{MediumStack, Ray};
 
+use crate::direct::SourceLight;
 use crate::layers::{LightLayer, LightLayers};
+use crate::lines::{self, Footprint};
 
 /// What the eye sees first along a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,15 +38,33 @@ impl FirstHit {
         Self { depth: f32::INFINITY, normal: Vec3::ZERO, albedo: Rgb::ZERO, surface: 0, facet: 0 };
 }
 
-/// One sample of a pixel.
+/// One sample of a pixel, or the pixel that is made of some.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
     /// Light by layer.
     pub light: LightLayers,
+    /// What is seen where nothing blocks sources that were asked by shadow rays: brightness without the noise of penumbrae.
+    pub open: Rgb,
+    /// Some of these rays were blocked and some were not.
+    pub penumbra: bool,
+    /// Share of the pixel that lines along the edges of the display mesh cover, if they were asked for.
+    pub lines: f32,
     /// The first hit.
     pub first: FirstHit,
     /// Hash of what was met along the whole tree of branches: samples that differ in it straddle an edge.
     pub trail: u32,
+}
+
+impl Sample {
+    /// What is there before a ray is shot.
+    pub(crate) const NOTHING: Self = Self {
+        light: LightLayers::DARK,
+        open: Rgb::ZERO,
+        penumbra: false,
+        lines: 0.0,
+        first: FirstHit::SKY,
+        trail: 0,
+    };
 }
 
 /// What a view needs.
@@ -58,11 +78,22 @@ pub struct Eye<'a> {
 }
 
 impl Eye<'_> {
-    /// Traces one eye ray.
-    pub fn sample(&self, origin: Vec3, direction: Vec3, key: Key, scratch: &mut Scratch) -> Sample {
+    /// Traces one eye ray. With a `footprint`, finds the lines of the display mesh, too; with shadow rays, evaluates the
+    /// light of sources at the hits.
+    pub fn sample(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        footprint: Option<Footprint>,
+        shadow_rays: Option<u32>,
+        key: Key,
+        scratch: &mut Scratch,
+    ) -> Sample {
         let tracer = self.lights.tracer();
         let scene = tracer.scene();
         let mut light = LightLayers::default();
+        let mut shadows = shadow_rays.map(|rays| Shadows::new(rays, key.child(SHADOWS)));
+        let mut lines = 0.0;
         let mut first = FirstHit::SKY;
         let mut trail = 0x811c_9dc5_u32;
         split::trace(
@@ -102,15 +133,26 @@ impl Eye<'_> {
                         tracer.planes().of(arrival.hit.triangle).0 + 1
                     };
                     trail = step(trail, facet, arrival.chain.len());
-                    self.see(&arrival, &mut light, scratch);
+                    self.see(&arrival, &mut light, &mut shadows, scratch);
+                    if let Some(footprint) = footprint {
+                        lines += lines::coverage(&self.solution.mesh, &arrival, footprint);
+                    }
                 }
             },
         );
-        Sample { light, first, trail }
+        let blocked = shadows.as_ref().map_or(Rgb::ZERO, |s| s.blocked);
+        let penumbra = shadows.is_some_and(|s| s.penumbra);
+        Sample { open: light.beauty() + blocked, light, penumbra, lines, first, trail }
     }
 
     /// Adds what a surface sends to the eye.
-    fn see(&self, arrival: &Arrival, light: &mut LightLayers, scratch: &mut Scratch) {
+    fn see(
+        &self,
+        arrival: &Arrival,
+        light: &mut LightLayers,
+        shadows: &mut Option<Shadows>,
+        scratch: &mut Scratch,
+    ) {
         let tracer = self.lights.tracer();
         let interaction = arrival.interaction;
         let material = tracer.scene().material_of(arrival.hit.triangle);
@@ -143,10 +185,14 @@ impl Eye<'_> {
                     (Term::Caustic, LightLayer::Caustic),
                     (Term::Indirect, LightLayer::Indirect),
                 ] {
-                    light.add(layer, through, send * self.solution.irradiance(term, &at).0);
+                    let stored = match (term, &shadows) {
+                        (Term::Direct | Term::Mirrored, Some(_)) => self.solution.gathered(term, &at),
+                        _ => self.solution.irradiance(term, &at),
+                    };
+                    light.add(layer, through, send * stored.0);
                 }
             }
-            if !tracer.scene().lights().is_empty() {
+            if shadows.is_some() || !tracer.scene().lights().is_empty() {
                 let mut receiver = Receiver::on(tracer, arrival.hit.triangle, side, arrival.hit.at);
                 receiver.position = arrival.position;
                 receiver.media = arrival.media;
@@ -158,8 +204,50 @@ impl Eye<'_> {
                 let punctual = self.lights.punctual(&receiver, scratch);
                 light.add(LightLayer::Direct, through, send * punctual.direct);
                 light.add(LightLayer::Mirrored, through, send * punctual.mirrored);
+                if let Some(shadows) = shadows {
+                    let sources = shadows.cast(self.lights, &receiver, send, scratch);
+                    light.add(LightLayer::Direct, through, send * sources.direct);
+                    light.add(LightLayer::Mirrored, through, send * sources.mirrored);
+                }
             }
         }
+    }
+}
+
+/// Keys of shadow rays are children of a sample's key with this number: the pixel's own use small ones.
+const SHADOWS: u32 = 1 << 16;
+
+/// Shadow rays of a sample, and what they found.
+#[derive(Clone, Copy, Debug)]
+struct Shadows {
+    rays: u32,
+    key: Key,
+    asked: u32,
+    /// Radiance that is missing because something blocks it.
+    blocked: Rgb,
+    penumbra: bool,
+}
+
+impl Shadows {
+    fn new(rays: u32, key: Key) -> Self {
+        Self { rays, key, asked: 0, blocked: Rgb::ZERO, penumbra: false }
+    }
+
+    /// Evaluates the sources at a hit of which the eye gets the share `send`: rays in proportion.
+    fn cast(
+        &mut self,
+        lights: &Lights,
+        receiver: &Receiver,
+        send: Rgb,
+        scratch: &mut Scratch,
+    ) -> SourceLight {
+        let share = (send.max_element() * PI).min(1.0);
+        let rays = ((self.rays as f32 * share).ceil() as u32).max(1);
+        self.asked += 1;
+        let found = SourceLight::at(lights, receiver, rays, self.key.child(self.asked), scratch);
+        self.blocked += send * (found.unoccluded - found.direct - found.mirrored);
+        self.penumbra |= found.penumbra;
+        found
     }
 }
 

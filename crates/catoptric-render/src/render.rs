@@ -3,6 +3,7 @@
 //! Anti-aliasing is adaptive and unbiased: which pixels get more samples is decided by other samples than those that
 //! they are made of. A first ray through each pixel's centre leaves a trail of what it met; pixels whose trail differs
 //! from a neighbour's, or whose radiance bends, are sampled again on a grid of their own, and the first ray is not used.
+//! Pixels in or beside a penumbra that shadow rays found are sampled again through the centre, by more of them.
 
 use rayon::prelude::*;
 
@@ -16,8 +17,11 @@ use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose};
 use catoptric_trace::walk::split::SplitParams;
 
+use crate::direct::{DirectLight, ShadowRays};
 use crate::layers::{LightLayers, NAMES};
-use crate::pixel::{Eye, FirstHit, Sample};
+use crate::lines::{Footprint, LAYER as LINES};
+use crate::needs::{Need, needs};
+use crate::pixel::{Eye, Sample};
 
 /// Parameters of pass two.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,6 +34,8 @@ pub struct RenderParams {
     pub walk: SplitParams,
     /// Sources, as pass one saw them.
     pub light: LightParams,
+    /// Where their light on diffuse surfaces comes from.
+    pub direct: DirectLight,
     /// Seed of all sequences.
     pub seed: u32,
     /// Samples of a pixel on an edge.
@@ -40,6 +46,8 @@ pub struct RenderParams {
     pub noise: f32,
     /// Write the light layers and the data layers (albedo, normal, depth, ids) beside the beauty.
     pub layers: bool,
+    /// Write the coverage by the lines of the display mesh beside the beauty.
+    pub mesh: bool,
 }
 
 impl RenderParams {
@@ -55,11 +63,13 @@ impl RenderParams {
             height,
             walk: SplitParams::default(),
             light: LightParams::default(),
+            direct: DirectLight::Vertices,
             seed: 0,
             edge_samples,
             contrast: 0.1,
             noise: 0.2,
             layers: false,
+            mesh: false,
         }
     }
 }
@@ -71,6 +81,8 @@ pub struct RenderReport {
     pub samples: u64,
     /// Pixels that were sampled again.
     pub refined_pixels: u64,
+    /// Of them, those where only a penumbra was seen, by one sample.
+    pub penumbra_pixels: u64,
 }
 
 /// The result of pass two.
@@ -80,14 +92,6 @@ pub struct Rendered {
     pub image: Image,
     /// What was done.
     pub report: RenderReport,
-}
-
-/// A finished pixel.
-#[derive(Clone, Copy, Debug)]
-struct Pixel {
-    light: LightLayers,
-    first: FirstHit,
-    trail: u32,
 }
 
 /// Renders a view.
@@ -104,60 +108,52 @@ pub fn render(
 
     // One ray through the centre of every pixel.
     progress.begin("image", 2 * height as u64);
-    let first = rows(height, progress, |y, scratch| {
-        (0..width)
-            .map(|x| {
-                let key = Key::new(params.seed, Purpose::Pixel, (y * width + x) as u64);
-                let sample = shoot(&eye, camera, params, (x, y), (0.5, 0.5), key, scratch);
-                Pixel { light: sample.light, first: sample.first, trail: sample.trail }
-            })
-            .collect()
+    let mut pixels = vec![Sample::NOTHING; width * height];
+    rows(&mut pixels, width, progress, |at, pixel, scratch| {
+        let key = Key::new(params.seed, Purpose::Pixel, (at.1 * width + at.0) as u64);
+        *pixel = shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 0), key, scratch);
     })?;
 
     // Pixels beside an edge are made of new samples.
-    let exposure = mean_luminance(&first).max(1e-30);
-    let needs: Vec<bool> = (0..width * height)
-        .map(|i| needs_more(&first, width, height, i % width, i / width, exposure, params.contrast))
-        .collect();
-    let refined = rows(height, progress, |y, scratch| {
-        (0..width)
-            .map(|x| {
-                let index = y * width + x;
-                if needs[index] {
-                    resample(&eye, camera, params, (x, y), &first[index], scratch)
-                } else {
-                    first[index]
-                }
-            })
-            .collect()
+    let needs = needs(&pixels, width, height, params.contrast);
+    rows(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
+        Need::Nothing => {}
+        Need::Shadows => {
+            let key = again(params, at).child(0);
+            pixel.light =
+                shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 1), key, scratch).light;
+        }
+        Need::Samples => resample(&eye, camera, params, at, pixel, scratch),
     })?;
 
-    let refined_pixels = needs.iter().filter(|n| **n).count() as u64;
+    let count = |need: Need| needs.iter().filter(|n| **n == need).count() as u64;
+    let (edges, penumbra_pixels) = (count(Need::Samples), count(Need::Shadows));
     let report = RenderReport {
-        samples: (width * height) as u64 + refined_pixels * u64::from(params.edge_samples),
-        refined_pixels,
+        samples: (width * height) as u64 + edges * u64::from(params.edge_samples) + penumbra_pixels,
+        refined_pixels: edges + penumbra_pixels,
+        penumbra_pixels,
     };
-    Ok(Rendered { image: image(&refined, params), report })
+    Ok(Rendered { image: image(&pixels, params), report })
 }
 
-/// Rows in parallel, in order.
+/// Works on every pixel, rows in parallel.
 fn rows(
-    height: usize,
+    pixels: &mut [Sample],
+    width: usize,
     progress: &dyn Progress,
-    row: impl Fn(usize, &mut Scratch) -> Vec<Pixel> + Sync,
-) -> Result<Vec<Pixel>, Cancelled> {
-    let rows: Result<Vec<Vec<Pixel>>, Cancelled> = (0..height)
-        .into_par_iter()
-        .map(|y| {
-            if progress.is_cancelled() {
-                return Err(Cancelled);
-            }
-            let pixels = row(y, &mut Scratch::default());
-            progress.advance(1);
-            Ok(pixels)
-        })
-        .collect();
-    Ok(rows?.into_iter().flatten().collect())
+    work: impl Fn((usize, usize), &mut Sample, &mut Scratch) + Sync,
+) -> Result<(), Cancelled> {
+    pixels.par_chunks_mut(width).enumerate().try_for_each(|(y, row)| {
+        if progress.is_cancelled() {
+            return Err(Cancelled);
+        }
+        let mut scratch = Scratch::default();
+        for (x, pixel) in row.iter_mut().enumerate() {
+            work((x, y), pixel, &mut scratch);
+        }
+        progress.advance(1);
+        Ok(())
+    })
 }
 
 fn shoot(
@@ -166,34 +162,42 @@ fn shoot(
     params: &RenderParams,
     (x, y): (usize, usize),
     (dx, dy): (f32, f32),
+    shadow_rays: Option<u32>,
     key: Key,
     scratch: &mut Scratch,
 ) -> Sample {
     let (origin, direction) = camera.ray(x as f32 + dx, y as f32 + dy, params.width, params.height);
-    eye.sample(origin + direction * camera.near, direction, key, scratch)
+    let footprint = params.mesh.then(|| {
+        let (beside, other) = camera.ray(x as f32 + dx + 1.0, y as f32 + dy, params.width, params.height);
+        Footprint { width: origin.distance(beside), spread: direction.distance(other) }
+    });
+    eye.sample(origin + direction * camera.near, direction, footprint, shadow_rays, key, scratch)
 }
 
 /// Samples of a noisy pixel (the rim of a glass, with lamps in it) for each of one on an edge.
 const NOISY_SHARE: u32 = 4;
 
-/// The mean of a pixel's own grid of samples (box filter).
+/// Replaces the light of a pixel by the mean of its own grid of samples (box filter).
 fn resample(
     eye: &Eye,
     camera: &Camera,
     params: &RenderParams,
     at: (usize, usize),
-    first: &Pixel,
+    pixel: &mut Sample,
     scratch: &mut Scratch,
-) -> Pixel {
-    let key = Key::new(params.seed, Purpose::Pixel, (at.1 * params.width + at.0) as u64).child(1);
+) {
+    let key = again(params, at);
+    let rays = shadow_rays(params, params.edge_samples);
     let mut light = LightLayers::default();
+    let mut lines = 0.0;
     let (mut sum, mut squares) = (0.0_f32, 0.0_f32);
     let mut count = params.edge_samples;
     let mut index = 0;
     while index < count {
         let offset = key.point2(index);
-        let sample = shoot(eye, camera, params, at, (offset.x, offset.y), key.child(index), scratch);
+        let sample = shoot(eye, camera, params, at, (offset.x, offset.y), rays, key.child(index), scratch);
         light.accumulate(&sample.light);
+        lines += sample.lines;
         let luminance = sample.light.beauty().dot(LUMINANCE);
         sum += luminance;
         squares += luminance * luminance;
@@ -206,49 +210,32 @@ fn resample(
             }
         }
     }
-    light.scale(1.0 / index.max(1) as f32);
-    Pixel { light, ..*first }
+    let share = 1.0 / index.max(1) as f32;
+    light.scale(share);
+    pixel.light = light;
+    pixel.lines = lines * share;
 }
 
-fn mean_luminance(pixels: &[Pixel]) -> f32 {
-    let sum: f64 = pixels.iter().map(|p| f64::from(p.light.beauty().dot(LUMINANCE))).sum();
-    (sum / pixels.len().max(1) as f64) as f32
-}
-
-/// Whether a pixel's neighbours met other things, or differ in brightness by more than `contrast`.
-fn needs_more(
-    pixels: &[Pixel],
-    width: usize,
-    height: usize,
-    x: usize,
-    y: usize,
-    exposure: f32,
-    contrast: f32,
-) -> bool {
-    let own = &pixels[y * width + x];
-    let shown = |p: &Pixel| {
-        // Differences count as they are seen: relative in the light, absolute in the dark.
-        let beauty: Rgb = p.light.beauty();
-        (beauty / exposure + Rgb::splat(0.1)).map(libm::logf)
-    };
-    let tone = shown(own);
-    for (dx, dy) in [(-1_i64, 0_i64), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)] {
-        let (nx, ny) = (x as i64 + dx, y as i64 + dy);
-        if nx < 0 || ny < 0 || nx >= width as i64 || ny >= height as i64 {
-            continue;
-        }
-        let other = &pixels[ny as usize * width + nx as usize];
-        if other.trail != own.trail || (shown(other) - tone).abs().max_element() > contrast {
-            return true;
-        }
+/// Shadow rays of a sample: the first one of a pixel (`again` = 0), or one of so many that are taken again.
+fn shadow_rays(params: &RenderParams, again: u32) -> Option<u32> {
+    match params.direct {
+        DirectLight::Vertices => None,
+        DirectLight::Pixels(ShadowRays { first, .. }) if again == 0 => Some(first),
+        // Those of several samples do not share their strata.
+        DirectLight::Pixels(ShadowRays { penumbra, .. }) if again == 1 => Some(penumbra),
+        DirectLight::Pixels(ShadowRays { penumbra, .. }) => Some((2 * penumbra / again).max(1)),
     }
-    false
+}
+
+/// Key of the samples that a pixel is made of where its first one is not used.
+fn again(params: &RenderParams, (x, y): (usize, usize)) -> Key {
+    Key::new(params.seed, Purpose::Pixel, (y * params.width + x) as u64).child(1)
 }
 
 /// Puts the layers into an image.
-fn image(pixels: &[Pixel], params: &RenderParams) -> Image {
+fn image(pixels: &[Sample], params: &RenderParams) -> Image {
     let mut image = Image::new(params.width, params.height);
-    let rgb = |value: &dyn Fn(&Pixel) -> Rgb| -> Vec<[f32; 3]> {
+    let rgb = |value: &dyn Fn(&Sample) -> Rgb| -> Vec<[f32; 3]> {
         pixels.iter().map(|p| value(p).to_array()).collect()
     };
     image.push_rgb_layer("", &rgb(&|p| p.light.beauty()));
@@ -262,6 +249,9 @@ fn image(pixels: &[Pixel], params: &RenderParams) -> Image {
         }
         image.push_channel("depth.Z", pixels.iter().map(|p| p.first.depth).collect());
         image.push_channel("id.surface", pixels.iter().map(|p| p.first.surface as f32).collect());
+    }
+    if params.mesh {
+        image.push_channel(LINES, pixels.iter().map(|p| p.lines.min(1.0)).collect());
     }
     image
 }

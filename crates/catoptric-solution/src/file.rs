@@ -17,7 +17,10 @@ use crate::mesh::{DisplayMesh, DisplayVertex, Element, Face, FaceId};
 use crate::solution::{PatchRadiosity, Solution, Term};
 
 /// Bumped when older programs would misread the arrays.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
+
+/// The gathered parts of the direct and the mirrored term.
+const GATHERED: [&str; 2] = ["gathered_direct", "gathered_mirrored"];
 
 /// Why a solution could not be saved or read.
 #[derive(Debug, thiserror::Error)]
@@ -99,7 +102,7 @@ pub fn save(mut asset: Asset, scene: &Scene, solution: &Solution) -> Result<Vec<
 pub fn append(asset: &mut Asset, scene: &Scene, solution: &Solution) -> Result<(), FileError> {
     solution.validate().map_err(FileError::Invalid)?;
     asset.remove_solution();
-    let Solution { mesh, irradiance, punctual, patches, scene_hash, settings } = solution;
+    let Solution { mesh, irradiance, gathered, punctual, patches, scene_hash, settings } = solution;
     let mut writer = Writer { asset };
 
     // What is known per vertex, shown to viewers as attributes.
@@ -111,6 +114,9 @@ pub fn append(asset: &mut Asset, scene: &Scene, solution: &Solution) -> Result<(
         light.push(writer.vectors(term_array(term), values)?);
     }
     light.push(writer.vectors("irradiance_punctual", punctual.iter().copied())?);
+    for (name, values) in GATHERED.into_iter().zip(gathered) {
+        writer.vectors(name, values.iter().copied())?;
+    }
 
     // The rest of the mesh, and the patches.
     writer.indices("vertex_triangle", mesh.vertices.iter().map(|v| v.triangle.0))?;
@@ -169,12 +175,19 @@ pub fn read(asset: &Asset) -> Result<Option<Saved>, FileError> {
     for term in Term::ALL {
         irradiance[term.index()] = vectors(asset, term_array(term), description.vertices)?;
     }
+    let mut gathered: [Vec<Rgb>; 2] = Default::default();
+    for (name, values) in GATHERED.into_iter().zip(&mut gathered) {
+        if asset.array_f32(name).is_some() {
+            *values = vectors(asset, name, description.vertices)?;
+        }
+    }
     let arrays = |name, count| -> Result<Vec<[f32; 3]>, FileError> {
         Ok(vectors(asset, name, count)?.into_iter().map(|v| v.to_array()).collect())
     };
     let solution = Solution {
         mesh,
         irradiance,
+        gathered,
         punctual: vectors(asset, "irradiance_punctual", description.vertices)?,
         patches: PatchRadiosity {
             areas: floats(asset, "patch_area", description.patches)?,

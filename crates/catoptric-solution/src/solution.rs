@@ -60,6 +60,9 @@ pub struct Solution {
     pub mesh: DisplayMesh,
     /// Irradiance per term and vertex. Coated surfaces: H_T.
     pub irradiance: [Vec<Rgb>; 4],
+    /// The part of the direct and the mirrored term that hemisphere rays own: dim sky, broad emitters, chains on no list.
+    /// Empty where there is none. What is left of the term is the light of sources, which pass two can evaluate itself.
+    pub gathered: [Vec<Rgb>; 2],
     /// Irradiance by punctual lights, direct and mirrored, per vertex. For viewers: pass two shades it per pixel.
     pub punctual: Vec<Rgb>,
     /// Patch radiosity.
@@ -74,9 +77,16 @@ impl Solution {
     /// Interpolated irradiance of one term.
     #[inline]
     pub fn irradiance(&self, term: Term, at: &Located) -> Irradiance {
-        let values = &self.irradiance[term.index()];
-        let [a, b, c] = at.vertices.map(|v| values[v as usize]);
-        Irradiance(a * at.weights[0] + b * at.weights[1] + c * at.weights[2])
+        interpolated(&self.irradiance[term.index()], at)
+    }
+
+    /// The part of one term that hemisphere rays own, interpolated: nothing but for direct and mirrored light.
+    #[inline]
+    pub fn gathered(&self, term: Term, at: &Located) -> Irradiance {
+        match self.gathered.get(term.index()) {
+            Some(values) if !values.is_empty() => interpolated(values, at),
+            _ => Irradiance(Rgb::ZERO),
+        }
     }
 
     /// Checks the invariants; says what is broken.
@@ -96,9 +106,23 @@ impl Solution {
                 return Err(format!("term {} is not finite at vertex {bad}", term.name()));
             }
         }
+        for (term, values) in Term::ALL.iter().zip(&self.gathered).filter(|(_, values)| !values.is_empty()) {
+            if values.len() != vertices || values.iter().any(|v| !v.is_finite()) {
+                return Err(format!(
+                    "the gathered part of term {} is not one number per vertex",
+                    term.name()
+                ));
+            }
+        }
         if self.punctual.len() != vertices {
             return Err(format!("punctual light has {} values for {vertices} vertices", self.punctual.len()));
         }
         Ok(())
     }
+}
+
+#[inline]
+fn interpolated(values: &[Rgb], at: &Located) -> Irradiance {
+    let [a, b, c] = at.vertices.map(|v| values[v as usize]);
+    Irradiance(a * at.weights[0] + b * at.weights[1] + c * at.weights[2])
 }

@@ -84,6 +84,7 @@ fn solution(scene: &Scene) -> Solution {
     };
     Solution {
         irradiance: [values(0), values(1), values(2), values(3)],
+        gathered: [Vec::new(), values(5)],
         punctual: values(4),
         mesh: DisplayMesh::new(vertices, elements, faces, face_of),
         patches: PatchRadiosity {
@@ -128,7 +129,9 @@ fn a_solution_comes_back_bit_for_bit_with_its_scene() {
     assert_eq!(after.mesh.face_of, before.mesh.face_of);
     assert_eq!(after.patches, before.patches);
     assert_eq!(bits(&after.punctual), bits(&before.punctual));
-    for (a, b) in after.irradiance.iter().zip(&before.irradiance) {
+    for (a, b) in
+        after.irradiance.iter().chain(&after.gathered).zip(before.irradiance.iter().chain(&before.gathered))
+    {
         assert_eq!(bits(a), bits(b));
     }
 }

@@ -24,6 +24,7 @@ Examples:
   catoptric render room.glb -o room.exr --preview room.png
   catoptric render room.glb -o draft.png --size 320 --quality draft
   catoptric render room.glb -o view.exr --camera all --layers
+  catoptric render room.glb -o mesh.png --layers mesh
   catoptric render walk.glb -o walk.exr --frames 0..240 --fps 24
   catoptric render statue.glb -o statue.exr --sky studio.hdr
   catoptric render room.glb -o plain.exr --plain
@@ -127,9 +128,14 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "W|WxH", default_value = "1280")]
     pub(crate) size: Size,
 
-    /// Writes the light layers (they sum to the beauty), albedo, normal, depth and ids into the EXR.
-    #[arg(long)]
-    pub(crate) layers: bool,
+    /// What is written beside the beauty. Without a value: light.
+    #[arg(long, value_enum, value_name = "LAYERS", num_args = 0..=1, default_missing_value = "light", value_delimiter = ',')]
+    pub(crate) layers: Vec<Layers>,
+
+    /// Light of area emitters on diffuse surfaces, straight and over planar mirrors: read from the mesh, or evaluated at each
+    /// pixel, slower and sharper.
+    #[arg(long, value_enum, default_value_t = Direct::Vertices)]
+    pub(crate) direct: Direct,
 
     /// Exposure of PNGs in stops. Without it: chosen by the first image.
     #[arg(long, value_name = "EV", allow_negative_numbers = true)]
@@ -143,6 +149,24 @@ pub(crate) struct RenderArgs {
     pub(crate) transport: TransportArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
+}
+
+/// Where the light of area emitters comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Direct {
+    /// From the mesh, where it is stored: any number of views cost no more shadow rays.
+    Vertices,
+    /// From the emitters, by shadow rays at each pixel: shadows as sharp as they are, and some noise in penumbrae.
+    Pixels,
+}
+
+/// Groups of layers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Layers {
+    /// Light by class (these layers sum to the beauty), albedo, normal, depth and ids; needs an EXR.
+    Light,
+    /// Edges of the mesh on which light is stored: drawn over the picture in a PNG, a layer of their own in an EXR.
+    Mesh,
 }
 
 #[derive(Debug, Args)]

@@ -5,6 +5,9 @@ use std::path::{Path, PathBuf};
 use catoptric_image::tone::{Curve, ToneMap, auto_exposure, to_srgb8};
 use catoptric_image::{Image, write_png8};
 
+use catoptric_render::lines;
+
+use crate::args::Layers;
 use crate::failure::Failure;
 
 /// What an image file holds.
@@ -26,11 +29,11 @@ pub(crate) struct Outputs {
 }
 
 impl Outputs {
-    /// Checks the names; `layers` need an EXR.
+    /// Checks the names; layers need an EXR, but lines of the mesh can be drawn over a PNG.
     pub(crate) fn new(
         image: Option<&Path>,
         preview: Option<&Path>,
-        layers: bool,
+        layers: &[Layers],
         exposure: Option<f32>,
     ) -> Result<Self, Failure> {
         let Some(image) = image else {
@@ -47,7 +50,9 @@ impl Outputs {
                 ));
             }
         };
-        if layers && format != Format::Exr {
+        let drawn = format == Format::Png || preview.is_some();
+        let cannot = |layers: &Layers| format != Format::Exr && !(*layers == Layers::Mesh && drawn);
+        if layers.iter().any(cannot) {
             return Err(Failure::usage(
                 format_args!("{}: --layers needs an OpenEXR file", image.display()),
                 "name the output like out.exr",
@@ -90,8 +95,23 @@ impl Outputs {
     fn write_display(&mut self, image: &Image, path: &Path) -> Result<(), Failure> {
         let pixels = image.rgb("").unwrap_or_default();
         let exposure_ev = *self.exposure.get_or_insert_with(|| auto_exposure(pixels.iter().copied()));
-        let bytes = to_srgb8(&pixels, &ToneMap { exposure_ev, curve: Curve::Clip });
+        let mut bytes = to_srgb8(&pixels, &ToneMap { exposure_ev, curve: Curve::Clip });
+        if let Some(lines) = image.channel(lines::LAYER) {
+            draw(&mut bytes, lines);
+        }
         Ok(write_png8(path, image.width, image.height, &bytes)?)
+    }
+}
+
+/// sRGB of the lines of the mesh: plain to see on white and on black, and rare in rooms.
+const LINE: [f32; 3] = [0.0, 130.0, 255.0];
+
+/// Draws lines over a picture.
+fn draw(pixels: &mut [[u8; 3]], lines: &[f32]) {
+    for (pixel, covered) in pixels.iter_mut().zip(lines) {
+        for (byte, line) in pixel.iter_mut().zip(LINE) {
+            *byte = (f32::from(*byte) * (1.0 - covered) + line * covered).round() as u8;
+        }
     }
 }
 
@@ -198,10 +218,12 @@ mod tests {
 
     #[test]
     fn an_output_has_a_known_extension_and_a_folder() {
-        let new = |image: &str, layers| Outputs::new(Some(Path::new(image)), None, layers, None);
-        assert!(new("a.exr", true).is_ok());
-        assert!(matches!(new("a.jpeg", false), Err(Failure::Usage(_))));
-        assert!(matches!(new("a.png", true), Err(Failure::Usage(_))));
+        let new = |image: &str, layers: &[Layers]| Outputs::new(Some(Path::new(image)), None, layers, None);
+        assert!(new("a.exr", &[Layers::Light, Layers::Mesh]).is_ok());
+        assert!(matches!(new("a.jpeg", &[]), Err(Failure::Usage(_))));
+        assert!(matches!(new("a.png", &[Layers::Light]), Err(Failure::Usage(_))));
+        assert!(new("a.png", &[Layers::Mesh]).is_ok());
+        assert!(matches!(new("a.pfm", &[Layers::Mesh]), Err(Failure::Usage(_))));
         assert!(matches!(check(Path::new("no/such/folder/a.exr"), &[]), Err(Failure::Run(_))));
         assert!(check_distinct(&["a.png".into(), "b.png".into(), "a.png".into()]).is_err());
     }

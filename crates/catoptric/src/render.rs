@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 
 use catoptric_image::Image;
 use catoptric_radiosity::Solved;
+use catoptric_render::direct::{DirectLight, ShadowRays};
 use catoptric_render::{RenderParams, Rendered, render};
 use catoptric_scene::{Camera, Progress};
 use catoptric_solution::Solution;
 use catoptric_trace::Tracer;
 
-use crate::args::RenderArgs;
+use crate::args::{Direct, Layers, RenderArgs};
 use crate::failure::{Failure, did_you_mean};
 use crate::input::{Input, Light};
 use crate::output::{self, Outputs, Tag, in_file_name};
@@ -32,7 +33,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
 
     // Say what cannot work before anything is computed.
     let mut outputs =
-        Outputs::new(args.output.as_deref(), args.preview.as_deref(), args.layers, args.exposure)?;
+        Outputs::new(args.output.as_deref(), args.preview.as_deref(), &args.layers, args.exposure)?;
     let report_file = args.run.json.clone().flatten();
     reporter.begin_deaf("load");
     let light = args.solution.as_deref().map_or(Light::Own, Light::Beside);
@@ -181,8 +182,13 @@ fn params(args: &RenderArgs, solution: &Solution, view: &View) -> RenderParams {
     let mut params = RenderParams::for_quality(args.transport.quality.quality(), view.width, view.height);
     params.walk.max_depth = args.transport.max_depth;
     params.light = pass_one::light_of(solution);
+    params.direct = match args.direct {
+        Direct::Vertices => DirectLight::Vertices,
+        Direct::Pixels => DirectLight::Pixels(ShadowRays::for_quality(args.transport.quality.quality())),
+    };
     params.seed = args.transport.seed;
-    params.layers = args.layers;
+    params.layers = args.layers.contains(&Layers::Light);
+    params.mesh = args.layers.contains(&Layers::Mesh);
     params
 }
 
@@ -199,6 +205,9 @@ fn describe(image: &mut Image, solution: &Solution, view: &View, args: &RenderAr
         if name != "plain" && name != "version" {
             attribute(format!("render.{name}"), value);
         }
+    }
+    if args.direct == Direct::Pixels {
+        attribute("render.direct".to_owned(), "pixels".to_owned());
     }
     if let Some(frame) = view.tag.frame {
         attribute("frame".to_owned(), frame.to_string());

@@ -112,7 +112,7 @@ fn snapshots(
     params.walk.max_depth = args.transport.max_depth;
     params.light = pass_one::light(&args.transport);
     params.seed = args.transport.seed;
-    let mut outputs = Outputs::new(Some(&folder.join("step.png")), None, false, None)?;
+    let mut outputs = Outputs::new(Some(&folder.join("step.png")), None, &[], None)?;
     let mut written = Vec::new();
     for frame in frames.frames().iter().rev() {
         for ambient in [false, true] {

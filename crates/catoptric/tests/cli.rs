@@ -95,13 +95,20 @@ fn a_solution_gives_the_same_bits_by_every_way() {
 fn the_sky_travels_with_the_solution() {
     let bench = Bench::new();
     let sky = ["--sky", "0.5,1,2"];
-    assert_eq!(bench.render(&[&["-o", "straight.exr", "--size", "16"], &sky[..]].concat()).code, 0);
     let solve = ["solve", "scene.gltf", "-o", "solved.glb", "--quality", "draft"];
     assert_eq!(bench.run(&[&solve[..], &sky[..]].concat()).code, 0);
     let render = ["render", "solved.glb", "-o", "own.exr", "--size", "16", "--quality", "draft"];
-    assert_eq!(bench.run(&render).code, 0);
-    let bytes = |name: &str| fs::read(bench.path(name)).unwrap();
-    assert!(bytes("straight.exr") == bytes("own.exr"), "the solved file gives another picture");
+    // At each pixel, too, where light of the sky and of lamps part.
+    for direct in [["--direct", "vertices"], ["--direct", "pixels"]] {
+        let straight = [&["-o", "straight.exr", "--size", "16"], &sky[..], &direct].concat();
+        assert_eq!(bench.render(&straight).code, 0);
+        assert_eq!(bench.run(&[&render[..], &direct].concat()).code, 0);
+        let bytes = |name: &str| fs::read(bench.path(name)).unwrap();
+        assert!(
+            bytes("straight.exr") == bytes("own.exr"),
+            "the solved file gives another picture: {direct:?}"
+        );
+    }
 
     // Another sky is other light.
     let other = bench.run(&[&render[..], &["--sky", "1"]].concat());
@@ -138,6 +145,25 @@ fn mirrors_light_the_floor_and_with_plain_they_do_not() {
         assert_eq!(thrown > 0.0, lit, "{name}: {thrown}");
         assert!(light("direct") > 0.0, "{name}");
     }
+}
+
+#[test]
+fn the_mesh_is_drawn_over_a_picture_and_is_a_layer_of_an_exr() {
+    let bench = Bench::new();
+    for options in [&["-o", "plain.png"][..], &["-o", "mesh.png", "--layers", "mesh"][..]] {
+        let run = bench.render(&[options, &["--size", "32"]].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+    }
+    let [plain, mesh] = ["plain.png", "mesh.png"].map(|name| fs::read(bench.path(name)).unwrap());
+    assert_ne!(plain, mesh);
+
+    let run = bench.render(&["-o", "mesh.exr", "--layers", "mesh", "--size", "32"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let image = Image::read(&bench.path("mesh.exr"), &ReadLimits::default()).unwrap();
+    let lines = image.channel("mesh.Y").unwrap();
+    assert!(lines.iter().all(|covered| (0.0..=1.0).contains(covered)));
+    assert!(lines.iter().any(|covered| *covered > 0.5) && lines.iter().any(|covered| *covered < 0.1));
+    assert!(image.rgb("direct").is_none());
 }
 
 #[test]

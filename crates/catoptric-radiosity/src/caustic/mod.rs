@@ -187,7 +187,7 @@ impl Caustic {
             own[v as usize] = Some(self.values[index]);
         }
         // Vertices that a term does not have are the mean of the edge that they halve.
-        let mut terms: Vec<[Rgb; 5]> = Vec::with_capacity(draft.vertices.len());
+        let mut terms: Vec<[Rgb; 7]> = Vec::with_capacity(draft.vertices.len());
         let mut caustic: Vec<Rgb> = Vec::with_capacity(draft.vertices.len());
         for (index, vertex) in draft.vertices.iter().enumerate() {
             let mean = |of: &dyn Fn(usize) -> Rgb| {
@@ -196,7 +196,8 @@ impl Caustic {
             let known = position.get(index).copied().filter(|&p| p != u32::MAX);
             let values = std::array::from_fn(|t| match known {
                 Some(p) if t < 4 => solution.irradiance[t][p as usize],
-                Some(p) => solution.punctual[p as usize],
+                Some(p) if t == 4 => solution.punctual[p as usize],
+                Some(p) => solution.gathered[t - 5].get(p as usize).copied().unwrap_or(Rgb::ZERO),
                 None => mean(&|v| terms[v][t]),
             });
             let value = own[index].unwrap_or_else(|| mean(&|v| caustic[v]));
@@ -214,6 +215,9 @@ impl Caustic {
                     terms[v as usize][t] + more
                 })
                 .collect();
+        }
+        for (t, values) in result.gathered.iter_mut().enumerate().filter(|(_, values)| !values.is_empty()) {
+            *values = displayed.origin.iter().map(|&v| terms[v as usize][t + 5]).collect();
         }
         result.punctual = displayed.origin.iter().map(|&v| terms[v as usize][4]).collect();
         result

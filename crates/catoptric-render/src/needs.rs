@@ -1,0 +1,83 @@
+//! Which pixels are sampled again: those whose neighbours met other things, differ in brightness, or are in a penumbra.
+
+use rayon::prelude::*;
+
+use catoptric_scene::Rgb;
+use catoptric_scene::quantity::LUMINANCE;
+
+use crate::pixel::Sample;
+
+/// What a pixel is sampled again for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Need {
+    /// The first ray is enough.
+    Nothing,
+    /// A penumbra calls for more shadow rays.
+    Shadows,
+    /// An edge calls for more samples.
+    Samples,
+}
+
+/// Times the contrast by which penumbrae differ from pixel to pixel where they are as sharp as an edge; less may be the
+/// noise of few shadow rays.
+const SHARP: f32 = 5.0;
+
+/// What is compared with neighbours.
+#[derive(Clone, Copy)]
+struct Look {
+    tone: Rgb,
+    /// The tone if nothing blocked shadow rays.
+    open: Rgb,
+    trail: u32,
+    penumbra: bool,
+}
+
+/// The need of every pixel; `contrast` is the difference of displayed luminance that calls for samples.
+pub(crate) fn needs(pixels: &[Sample], width: usize, height: usize, contrast: f32) -> Vec<Need> {
+    let exposure = mean_luminance(pixels).max(1e-30);
+    // Differences count as they are seen: relative in the light, absolute in the dark.
+    let shown = |light: Rgb| (light / exposure + Rgb::splat(0.1)).map(libm::logf);
+    let looks: Vec<Look> = pixels
+        .par_iter()
+        .with_min_len(1024)
+        .map(|p| {
+            let beauty = p.light.beauty();
+            let tone = shown(beauty);
+            let open = if p.open == beauty { tone } else { shown(p.open) };
+            Look { tone, open, trail: p.trail, penumbra: p.penumbra }
+        })
+        .collect();
+    (0..width * height)
+        .into_par_iter()
+        .with_min_len(1024)
+        .map(|i| need(&looks, width, height, i % width, i / width, contrast))
+        .collect()
+}
+
+fn mean_luminance(pixels: &[Sample]) -> f32 {
+    let sum: f64 = pixels.iter().map(|p| f64::from(p.light.beauty().dot(LUMINANCE))).sum();
+    (sum / pixels.len().max(1) as f64) as f32
+}
+
+fn need(looks: &[Look], width: usize, height: usize, x: usize, y: usize, contrast: f32) -> Need {
+    let own = looks[y * width + x];
+    let mut need = if own.penumbra { Need::Shadows } else { Need::Nothing };
+    for (dx, dy) in [(-1_i64, 0_i64), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)] {
+        let (nx, ny) = (x as i64 + dx, y as i64 + dy);
+        if nx < 0 || ny < 0 || nx >= width as i64 || ny >= height as i64 {
+            continue;
+        }
+        let other = looks[ny as usize * width + nx as usize];
+        let difference = (other.tone - own.tone).abs().max_element();
+        let is_edge = if own.penumbra || other.penumbra {
+            need = Need::Shadows;
+            difference > SHARP * contrast || (other.open - own.open).abs().max_element() > contrast
+        } else {
+            difference > contrast
+        };
+        if other.trail != own.trail || is_edge {
+            return Need::Samples;
+        }
+    }
+    need
+}
