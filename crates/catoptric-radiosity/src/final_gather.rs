@@ -86,6 +86,28 @@ fn vertex_budgets(
         .unzip()
 }
 
+/// Irradiance below this share of the scene's mean counts as that much where rays are shared out.
+const FLOOR: f32 = 0.02;
+/// Standard deviation of what single rays find, relative to their mean, at which a gather has `gather_rays`.
+const USUAL_DEVIATION: f32 = 1.0;
+
+/// Rays of a gather by the moments of what the vertices around found, from half as many as usual to four times as many.
+fn rays_for(usual: u32, around: &[[f32; 2]; 3], floor: f32) -> u32 {
+    let [mean, square] = [0, 1].map(|k| around.iter().map(|m| m[k]).sum::<f32>() / 3.0);
+    let deviation = (square - mean * mean).max(0.0).sqrt();
+    let relative = deviation / (mean + floor).max(f32::MIN_POSITIVE);
+    // The error of a (0,2)-sequence falls about as n^(−3/4). Steps of two keep its strata whole.
+
+    let times = libm::powf(relative / USUAL_DEVIATION, 4.0 / 3.0);
+    let half = usual.div_ceil(2);
+    match times {
+        t if t < 0.75 => half,
+        t if t < 1.5 => 2 * half,
+        t if t < 3.0 => 4 * half,
+        _ => 8 * half,
+    }
+}
+
 /// Points around a vertex at which it gathers.
 const POINTS_AROUND: u32 = 4;
 
@@ -172,6 +194,20 @@ impl Sight<'_> {
     /// Irradiance per vertex of the display mesh when `more` (per draft vertex) comes to what sources send.
     fn with(&self, more: &[Rgb]) -> Vec<Rgb> {
         self.displayed.origin.iter().map(|&v| self.sources[v as usize] + more[v as usize]).collect()
+    }
+
+    /// Area-weighted mean of the sum of channels of irradiance per vertex of the display mesh.
+    fn mean(&self, irradiance: &[Rgb]) -> f32 {
+        let mesh = &self.displayed.mesh;
+        let (mut sum, mut area) = (0.0_f64, 0.0_f64);
+        for (index, element) in mesh.elements.iter().enumerate() {
+            let own = f64::from(mesh.area(index as u32));
+            let mean =
+                element.vertices.iter().map(|&v| irradiance[v as usize].element_sum()).sum::<f32>() / 3.0;
+            sum += own * f64::from(mean);
+            area += own;
+        }
+        if area > 0.0 { (sum / area) as f32 } else { 0.0 }
     }
 
     /// Values known at some vertices, at all: children are the mean of their parents.
@@ -316,13 +352,24 @@ pub(crate) fn final_gather(
     let looked_at = sight.spread(&known);
     let seen = sight.with(&looked_at);
     let light = DiffuseLight { mesh: &sight.displayed.mesh, irradiance: &seen };
+    // What the vertices around found tells how many rays it takes; a sample's own rays have no say in it, or those that
+    // missed what is bright would be content.
+    let floor = FLOOR * sight.mean(&seen);
+    let inside_rays: Vec<u32> = samples
+        .iter()
+        .map(|s| {
+            let around = mesh.elements[s.element as usize].vertices.map(|v| at_vertices[v as usize].moments);
+            rays_for(params.gather_rays, &around, floor)
+        })
+        .collect();
     let inside: Vec<Gathered> = samples
         .par_iter()
+        .zip(&inside_rays)
         .enumerate()
         .with_min_len(4)
-        .map(|(index, s)| {
+        .map(|(index, (s, &rays))| {
             let receiver = draft.receiver_inside(tracer, &displayed, s.element, s.weights);
-            work(&light, &receiver, params.gather_rays, index as u64 | 1 << 43)
+            work(&light, &receiver, rays, index as u64 | 1 << 43)
         })
         .collect();
     // Shared vertices have no points inside: those that sample for the others gather once more.
@@ -384,8 +431,8 @@ pub(crate) fn final_gather(
             *indirect = (*indirect + *more).max(Rgb::ZERO);
         }
     }
-    let rays = vertex_rays.iter().map(|&r| u64::from(r)).sum::<u64>()
-        + (inside.len() + sharing.leads().len()) as u64 * u64::from(params.gather_rays);
+    let rays = vertex_rays.iter().chain(&inside_rays).map(|&r| u64::from(r)).sum::<u64>()
+        + sharing.leads().len() as u64 * u64::from(params.gather_rays);
     Ok(GatheredLight { terms, rays })
 }
 

@@ -26,6 +26,8 @@ pub struct Gathered {
     pub indirect: Rgb,
     /// Where the power went, if the rays were sent from here.
     pub ledger: Ledger,
+    /// Mean, and mean square, of what single rays found: the sum of all classes and channels, times π.
+    pub moments: [f32; 2],
 }
 
 /// Diffuse light of the scene as gathers see it: irradiance at the vertices of a display mesh.
@@ -92,6 +94,7 @@ pub fn gather(
     // Broad emitters: their unoccluded irradiance is known exactly and serves as control variate.
     let controlled = !coated && receiver.media == MediumStack::AIR && !lights.emitters().broad().is_empty();
     let mut halves = [Half::default(); 2];
+    let (mut before, mut squares) = (Rgb::ZERO, 0.0_f32);
     for index in 0..rays {
         let local = cosine_hemisphere(key.point2(index));
         let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
@@ -101,7 +104,6 @@ pub fn gather(
             continue;
         }
         let weight = if coated { receiver.coat.transmittance(local.z) } else { 1.0 };
-        let before = result.total();
         let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
         let end = walk::choose(
             tracer,
@@ -134,13 +136,18 @@ pub fn gather(
             }
             End::Inside => {}
         }
+        let total = result.total();
+        let found = total - before;
+        before = total;
+        squares += found.element_sum().powi(2);
         if controlled {
             let control = lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
             let half = usize::from(2 * index >= rays);
-            halves[half].add(result.total() - before, control);
+            halves[half].add(found, control);
         }
     }
     let each = PI / rays.max(1) as f32;
+    result.moments = [before.element_sum() * each, squares * each * PI];
     for sum in [&mut result.direct, &mut result.mirrored, &mut result.caustic, &mut result.indirect] {
         *sum *= each;
     }
@@ -194,6 +201,9 @@ impl Gathered {
         self.mirrored += other.mirrored * share;
         self.caustic += other.caustic * share;
         self.indirect += other.indirect * share;
+        for (own, other) in self.moments.iter_mut().zip(other.moments) {
+            *own += other * share;
+        }
     }
 
     /// All classes.

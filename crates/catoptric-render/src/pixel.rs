@@ -49,6 +49,8 @@ pub struct Sample {
     pub penumbra: bool,
     /// Share of the pixel that lines along the edges of the display mesh cover, if they were asked for.
     pub lines: f32,
+    /// Standard error of a mean of several samples, relative to its luminance; else zero.
+    pub error: f32,
     /// The first hit.
     pub first: FirstHit,
     /// Hash of what was met along the whole tree of branches: samples that differ in it straddle an edge.
@@ -62,6 +64,7 @@ impl Sample {
         open: Rgb::ZERO,
         penumbra: false,
         lines: 0.0,
+        error: 0.0,
         first: FirstHit::SKY,
         trail: 0,
     };
@@ -142,7 +145,7 @@ impl Eye<'_> {
         );
         let blocked = shadows.as_ref().map_or(Rgb::ZERO, |s| s.blocked);
         let penumbra = shadows.is_some_and(|s| s.penumbra);
-        Sample { open: light.beauty() + blocked, light, penumbra, lines, first, trail }
+        Sample { open: light.beauty() + blocked, light, penumbra, lines, error: 0.0, first, trail }
     }
 
     /// Adds what a surface sends to the eye.

@@ -3,7 +3,10 @@
 //! Anti-aliasing is adaptive and unbiased: which pixels get more samples is decided by other samples than those that
 //! they are made of. A first ray through each pixel's centre leaves a trail of what it met; pixels whose trail differs
 //! from a neighbour's, or whose radiance bends, are sampled again on a grid of their own, and the first ray is not used.
+//! Where their neighbours turn out noisy, they are sampled once more.
 //! Pixels in or beside a penumbra that shadow rays found are sampled again through the centre, by more of them.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
@@ -42,7 +45,8 @@ pub struct RenderParams {
     pub edge_samples: u32,
     /// Differences of displayed luminance between neighbours, relative, that call for more samples.
     pub contrast: f32,
-    /// Standard error of a pixel on an edge, relative to its luminance, that calls for [`NOISY_SHARE`] times as many samples.
+    /// Standard error of a pixel on an edge, relative to its luminance, beside which pixels on an edge are made of four
+    /// times as many samples.
     pub noise: f32,
     /// Write the light layers and the data layers (albedo, normal, depth, ids) beside the beauty.
     pub layers: bool,
@@ -67,7 +71,7 @@ impl RenderParams {
             seed: 0,
             edge_samples,
             contrast: 0.1,
-            noise: 0.2,
+            noise: 0.12,
             layers: false,
             mesh: false,
         }
@@ -107,7 +111,7 @@ pub fn render(
     let (width, height) = (params.width, params.height);
 
     // One ray through the centre of every pixel.
-    progress.begin("image", 2 * height as u64);
+    progress.begin("image", 3 * height as u64);
     let mut pixels = vec![Sample::NOTHING; width * height];
     rows(&mut pixels, width, progress, |at, pixel, scratch| {
         let key = Key::new(params.seed, Purpose::Pixel, (at.1 * width + at.0) as u64);
@@ -123,13 +127,21 @@ pub fn render(
             pixel.light =
                 shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 1), key, scratch).light;
         }
-        Need::Samples => resample(&eye, camera, params, at, pixel, scratch),
+        Need::Samples => resample(&eye, camera, params, at, 0..params.edge_samples, pixel, scratch),
+    })?;
+    let noisy = beside_noise(&pixels, &needs, width, params.noise);
+    let all = NOISY_SHARE * params.edge_samples;
+    rows(&mut pixels, width, progress, |at, pixel, scratch| {
+        if noisy[at.1 * width + at.0] {
+            resample(&eye, camera, params, at, params.edge_samples..all, pixel, scratch);
+        }
     })?;
 
     let count = |need: Need| needs.iter().filter(|n| **n == need).count() as u64;
     let (edges, penumbra_pixels) = (count(Need::Samples), count(Need::Shadows));
+    let more = noisy.iter().filter(|n| **n).count() as u64 * u64::from(all - params.edge_samples);
     let report = RenderReport {
-        samples: (width * height) as u64 + edges * u64::from(params.edge_samples) + penumbra_pixels,
+        samples: (width * height) as u64 + edges * u64::from(params.edge_samples) + more + penumbra_pixels,
         refined_pixels: edges + penumbra_pixels,
         penumbra_pixels,
     };
@@ -177,43 +189,56 @@ fn shoot(
 /// Samples of a noisy pixel (the rim of a glass, with lamps in it) for each of one on an edge.
 const NOISY_SHARE: u32 = 4;
 
-/// Replaces the light of a pixel by the mean of its own grid of samples (box filter).
+/// Replaces the light of a pixel by the mean of samples on a grid of its own (box filter), or adds the `fresh` ones among
+/// them to the mean of those before.
 fn resample(
     eye: &Eye,
     camera: &Camera,
     params: &RenderParams,
     at: (usize, usize),
+    fresh: Range<u32>,
     pixel: &mut Sample,
     scratch: &mut Scratch,
 ) {
     let key = again(params, at);
     let rays = shadow_rays(params, params.edge_samples);
-    let mut light = LightLayers::default();
-    let mut lines = 0.0;
+    let (count, known) = (fresh.end.max(1) as f32, fresh.start as f32);
+    if fresh.start == 0 {
+        pixel.light = LightLayers::default();
+        pixel.lines = 0.0;
+    }
+    pixel.light.scale(known);
+    pixel.lines *= known;
     let (mut sum, mut squares) = (0.0_f32, 0.0_f32);
-    let mut count = params.edge_samples;
-    let mut index = 0;
-    while index < count {
+    for index in fresh {
         let offset = key.point2(index);
         let sample = shoot(eye, camera, params, at, (offset.x, offset.y), rays, key.child(index), scratch);
-        light.accumulate(&sample.light);
-        lines += sample.lines;
+        pixel.light.accumulate(&sample.light);
+        pixel.lines += sample.lines;
         let luminance = sample.light.beauty().dot(LUMINANCE);
         sum += luminance;
         squares += luminance * luminance;
-        index += 1;
-        if index == params.edge_samples {
-            // The squared standard error of the mean is (Σl² − (Σl)²/n) / n².
-            let n = index as f32;
-            if squares - sum * sum / n > (params.noise * sum).powi(2) {
-                count = NOISY_SHARE * params.edge_samples;
-            }
-        }
     }
-    let share = 1.0 / index.max(1) as f32;
-    light.scale(share);
-    pixel.light = light;
-    pixel.lines = lines * share;
+    pixel.light.scale(1.0 / count);
+    pixel.lines /= count;
+    // The squared standard error of the mean of n samples is (Σl² − (Σl)²/n) / n².
+    pixel.error = (squares - sum * sum / count).max(0.0).sqrt() / sum.max(f32::MIN_POSITIVE);
+}
+
+/// Pixels on an edge that stand beside noisy ones. Their own noise has no say: those whose samples missed what is bright
+/// would keep them, and the picture would be too dark.
+fn beside_noise(pixels: &[Sample], needs: &[Need], width: usize, noise: f32) -> Vec<bool> {
+    let height = pixels.len() / width.max(1);
+    let is_noisy = |x: usize, y: usize| pixels[y * width + x].error > noise;
+    (0..pixels.len())
+        .map(|index| {
+            let (x, y) = (index % width, index / width);
+            needs[index] == Need::Samples
+                && (y.saturating_sub(1)..(y + 2).min(height)).any(|v| {
+                    (x.saturating_sub(1)..(x + 2).min(width)).any(|u| (u, v) != (x, y) && is_noisy(u, v))
+                })
+        })
+        .collect()
 }
 
 /// Shadow rays of a sample: the first one of a pixel (`again` = 0), or one of so many that are taken again.
