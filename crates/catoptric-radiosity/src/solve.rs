@@ -218,7 +218,7 @@ impl Field for SourceField<'_> {
 }
 
 /// Triangles of the sources' mesh with edges above this multiple of the spacing are tested inside.
-const INSIDE_EDGE: f32 = 0.45;
+const INSIDE_EDGE: f32 = 0.25;
 /// Vertices of fine meshes share samples of sources, and gathers, in cubes of this multiple of the spacing.
 const SOURCE_CELL: f32 = 0.25;
 /// … and gathers in cubes of this.
