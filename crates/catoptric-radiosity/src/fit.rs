@@ -137,9 +137,6 @@ pub fn fit(
             direction[i] = z[i] + direction[i] * beta;
         }
     }
-    for value in &mut x {
-        *value = value.max(Rgb::ZERO);
-    }
     x
 }
 
