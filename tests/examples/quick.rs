@@ -81,7 +81,7 @@ fn budgets(quality: Quality) -> SolveParams {
     share("TOL", &mut params.sources.tolerance);
     size("MAXV", &mut params.sources.max_vertices);
     count("SHADOW", &mut params.shadow_rays);
-    params.fit_rays = value("SHADOW").map_or(params.fit_rays, |v| v as u32 / 2);
+    params.fit_rays = value("SHADOW").map_or(params.fit_rays, |v| v as u32);
     share("NEAR", &mut params.near.ratio);
     share("DETAIL", &mut params.near.detail_share);
     count("DROUNDS", &mut params.near.detail_rounds);

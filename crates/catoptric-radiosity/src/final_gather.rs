@@ -1,15 +1,18 @@
 //! The final gather: light that other diffuse surfaces send, at the vertices and inside the elements of a mesh, fitted, and
 //! corrected by what it found beyond what it saw.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use catoptric_light::{Lights, Receiver};
 use catoptric_scene::{Cancelled, Progress, Rgb};
+use catoptric_solution::DisplayMesh;
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 
 use crate::draft::{Displayed, Draft};
 use crate::fit::{FitParams, FitSample, fit};
-use crate::gather::{DiffuseLight, Gathered, gather};
+use crate::gather::{DiffuseLight, Gathered, gather_part};
 use crate::patch::PatchMesh;
 use crate::rows::Row;
 use crate::sharing::Sharing;
@@ -92,8 +95,7 @@ const FLOOR: f32 = 0.02;
 const USUAL_DEVIATION: f32 = 1.0;
 
 /// Rays of a gather by the moments of what the vertices around found, from half as many as usual to four times as many.
-fn rays_for(usual: u32, around: &[[f32; 2]; 3], floor: f32) -> u32 {
-    let [mean, square] = [0, 1].map(|k| around.iter().map(|m| m[k]).sum::<f32>() / 3.0);
+fn rays_for(usual: u32, [mean, square]: [f32; 2], floor: f32) -> u32 {
     let deviation = (square - mean * mean).max(0.0).sqrt();
     let relative = deviation / (mean + floor).max(f32::MIN_POSITIVE);
     // The error of a (0,2)-sequence falls about as n^(−3/4). Steps of two keep its strata whole.
@@ -106,6 +108,22 @@ fn rays_for(usual: u32, around: &[[f32; 2]; 3], floor: f32) -> u32 {
         t if t < 3.0 => 4 * half,
         _ => 8 * half,
     }
+}
+
+/// Mean moments of what the neighbours of each vertex found, over the edges of the elements around.
+fn moments_beside(mesh: &DisplayMesh, gathered: &[Gathered]) -> Vec<[f32; 2]> {
+    let mut sums = vec![([0.0_f32; 2], 0.0_f32); gathered.len()];
+    for element in &mesh.elements {
+        for k in 0..3 {
+            let (own, &[a, b]) = (element.vertices[k], &[1, 2].map(|i| element.vertices[(k + i) % 3]));
+            let (sum, count) = &mut sums[own as usize];
+            for moments in [a, b].map(|v| gathered[v as usize].moments) {
+                *sum = [sum[0] + moments[0], sum[1] + moments[1]];
+                *count += 1.0;
+            }
+        }
+    }
+    sums.into_iter().map(|(sum, count)| sum.map(|s| s / count.max(1.0))).collect()
 }
 
 /// Points around a vertex at which it gathers.
@@ -304,12 +322,12 @@ pub(crate) fn final_gather(
     let coarse_seen = spread(sight.draft, coarse.patches, coarse.indirect);
     let seen = sight.with(&coarse_seen);
     let light = DiffuseLight { mesh: &sight.displayed.mesh, irradiance: &seen };
-    let work = |light: &DiffuseLight, receiver: &Receiver, rays: u32, entity: u64| {
+    let work = |light: &DiffuseLight, receiver: &Receiver, part: Range<u32>, entity: u64| {
         if progress.is_cancelled() {
             return Gathered::default();
         }
         let key = Key::new(params.seed, Purpose::Hemisphere, entity);
-        let result = gather(lights, light, receiver, rays, key, &params.walk);
+        let result = gather_part(lights, light, receiver, part, key, &params.walk);
         progress.advance(1);
         result
     };
@@ -321,7 +339,7 @@ pub(crate) fn final_gather(
             let Some((element, weights)) = hats.point(&displayed, vertex, key, index) else { break };
             let receiver = draft.receiver_inside(tracer, &displayed, element, weights);
             let entity = u64::from(vertex) | bit | u64::from(index) << 50;
-            let found = work(light, &receiver, rays.div_ceil(POINTS_AROUND), entity);
+            let found = work(light, &receiver, 0..rays.div_ceil(POINTS_AROUND), entity);
             sum.add(&found, 1.0 / POINTS_AROUND as f32);
         }
         sum
@@ -331,6 +349,10 @@ pub(crate) fn final_gather(
         vertex_rays[i] = if sharing.is_asked(v) { params.vertex_rays } else { 0 };
         trust[i] = SHARED_TRUST;
     }
+    // Half of the rays first, then as many as the neighbours' halves call for. A vertex's own rays have no say in it, or
+    // those that missed what is bright would be content. Broad emitters are a control variate of all rays at once.
+    let at_once = !lights.emitters().broad().is_empty();
+    let first_rays = |rays: u32| if at_once { rays } else { rays.div_ceil(2) };
     let mut at_vertices: Vec<Gathered> = displayed
         .origin
         .par_iter()
@@ -339,9 +361,25 @@ pub(crate) fn final_gather(
         .map(|(&v, &rays)| match rays {
             0 => Gathered::default(),
             _ if sharing.shares(v) => around(&light, v, rays, 0),
-            _ => work(&light, &draft.receiver(tracer, v), rays, u64::from(v)),
+            _ => work(&light, &draft.receiver(tracer, v), 0..first_rays(rays), u64::from(v)),
         })
         .collect();
+    let floor = FLOOR * sight.mean(&seen);
+    let beside = moments_beside(mesh, &at_vertices);
+    at_vertices
+        .par_iter_mut()
+        .zip(&mut vertex_rays)
+        .zip(displayed.origin.par_iter().zip(&beside))
+        .with_min_len(8)
+        .filter(|((_, rays), (v, _))| !at_once && **rays > 0 && !sharing.shares(**v))
+        .for_each(|((gathered, rays), (&v, moments))| {
+            let (known, all) = (first_rays(*rays), rays_for(*rays, *moments, floor));
+            if all > known {
+                let more = work(&light, &draft.receiver(tracer, v), known..all, u64::from(v));
+                *gathered = gathered.mixed(&more, known as f32 / all as f32);
+            }
+            *rays = all.max(known);
+        });
     let shared = SharedGathers::new(sharing, &displayed);
     shared.fill(&mut at_vertices);
     let mut known: Vec<Option<Rgb>> = vec![None; draft.vertices.len()];
@@ -352,14 +390,15 @@ pub(crate) fn final_gather(
     let looked_at = sight.spread(&known);
     let seen = sight.with(&looked_at);
     let light = DiffuseLight { mesh: &sight.displayed.mesh, irradiance: &seen };
-    // What the vertices around found tells how many rays it takes; a sample's own rays have no say in it, or those that
-    // missed what is bright would be content.
-    let floor = FLOOR * sight.mean(&seen);
     let inside_rays: Vec<u32> = samples
         .iter()
         .map(|s| {
             let around = mesh.elements[s.element as usize].vertices.map(|v| at_vertices[v as usize].moments);
-            rays_for(params.gather_rays, &around, floor)
+            rays_for(
+                params.gather_rays,
+                [0, 1].map(|k| around.iter().map(|m| m[k]).sum::<f32>() / 3.0),
+                floor,
+            )
         })
         .collect();
     let inside: Vec<Gathered> = samples
@@ -369,7 +408,7 @@ pub(crate) fn final_gather(
         .with_min_len(4)
         .map(|(index, (s, &rays))| {
             let receiver = draft.receiver_inside(tracer, &displayed, s.element, s.weights);
-            work(&light, &receiver, rays, index as u64 | 1 << 43)
+            work(&light, &receiver, 0..rays, index as u64 | 1 << 43)
         })
         .collect();
     // Shared vertices have no points inside: those that sample for the others gather once more.

@@ -3,6 +3,7 @@
 //! Malley's mapping of a scrambled (0,2)-sequence: each ray carries π/N of the incoming radiance.
 
 use std::f32::consts::PI;
+use std::ops::Range;
 
 use glam::Vec3;
 
@@ -86,6 +87,18 @@ pub fn gather(
     key: Key,
     params: &WalkParams,
 ) -> Gathered {
+    gather_part(lights, light, receiver, 0..rays, key, params)
+}
+
+/// Gathers at a receiver with some rays of a sequence: what they find alone.
+pub fn gather_part(
+    lights: &Lights,
+    light: &DiffuseLight,
+    receiver: &Receiver,
+    part: Range<u32>,
+    key: Key,
+    params: &WalkParams,
+) -> Gathered {
     let tracer = lights.tracer();
     let mut result = Gathered::default();
     let mut ledger = Ledger::default();
@@ -95,7 +108,8 @@ pub fn gather(
     let controlled = !coated && receiver.media == MediumStack::AIR && !lights.emitters().broad().is_empty();
     let mut halves = [Half::default(); 2];
     let (mut before, mut squares) = (Rgb::ZERO, 0.0_f32);
-    for index in 0..rays {
+    let rays = part.len() as u32;
+    for index in part.clone() {
         let local = cosine_hemisphere(key.point2(index));
         let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
         if direction.dot(receiver.geometric) <= 0.0 {
@@ -142,7 +156,7 @@ pub fn gather(
         squares += found.element_sum().powi(2);
         if controlled {
             let control = lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
-            let half = usize::from(2 * index >= rays);
+            let half = usize::from(2 * (index - part.start) >= rays);
             halves[half].add(found, control);
         }
     }
@@ -204,6 +218,14 @@ impl Gathered {
         for (own, other) in self.moments.iter_mut().zip(other.moments) {
             *own += other * share;
         }
+    }
+
+    /// The light of this gather and another, of which this one counts by a share; ledgers stay apart.
+    pub fn mixed(&self, other: &Self, share: f32) -> Self {
+        let mut sum = Self { ledger: self.ledger, ..Self::default() };
+        sum.add(self, share);
+        sum.add(other, 1.0 - share);
+        sum
     }
 
     /// All classes.

@@ -75,8 +75,8 @@ impl SolveParams {
         let (base_triangles, max_vertices, tolerance, shadow_rays, row_rays, gather_rays, near_rounds) =
             match quality {
                 Quality::Draft => (400, 1_500, 0.06, 16, 64, 48, 1),
-                Quality::Standard => (1_200, 4_000, 0.02, 24, 64, 192, 2),
-                Quality::High => (5_000, 60_000, 0.006, 128, 128, 768, 4),
+                Quality::Standard => (1_200, 4_000, 0.02, 16, 64, 128, 2),
+                Quality::High => (3_500, 14_000, 0.008, 32, 128, 256, 3),
             };
         let inside_rounds = if quality == Quality::Draft { 0 } else { 2 };
         Self {
@@ -95,11 +95,11 @@ impl SolveParams {
             },
             shadow_rays,
             fit_points: 2,
-            fit_rays: shadow_rays / 2,
+            fit_rays: shadow_rays,
             fit: FitParams::default(),
             row_rays,
             gather_rays,
-            vertex_rays: gather_rays * 2 / 3,
+            vertex_rays: gather_rays,
             gather_points: 4.0,
             near: NearParams {
                 ratio: 1.5,
@@ -213,7 +213,7 @@ impl Field for SourceField<'_> {
         let entity =
             u64::from(leaf) << 3 | (weights[0].to_bits() ^ weights[1].to_bits()) as u64 & 7 | 1 << 44;
         let key = Key::new(self.params.seed, Purpose::Emitter, entity);
-        self.light(&receiver, self.params.shadow_rays / 2, key).sum()
+        self.light(&receiver, self.params.shadow_rays, key).sum()
     }
 }
 
@@ -566,7 +566,8 @@ fn assemble(
 /// the others.
 fn keep_positive(solution: &mut Solution) {
     for vertex in 0..solution.punctual.len() {
-        let total = solution.irradiance.iter().map(|term| term[vertex]).sum::<Rgb>() + solution.punctual[vertex];
+        let total =
+            solution.irradiance.iter().map(|term| term[vertex]).sum::<Rgb>() + solution.punctual[vertex];
         let lack = (-total).max(Rgb::ZERO);
         if lack == Rgb::ZERO {
             continue;
