@@ -507,3 +507,17 @@ impl<'a> SharedGathers<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rays_follow_the_deviation_in_steps_of_two() {
+        let rays = |relative: f32| rays_for(128, [1.0, 1.0 + relative * relative], 0.0);
+        assert_eq!([0.0, 0.5, 1.0, 2.0, 9.0].map(rays), [64, 64, 128, 256, 512]);
+        // Where next to nothing arrives, nothing is to be told apart.
+        assert_eq!(rays_for(128, [1e-6, 1e-10], 0.1), 64);
+        assert_eq!(rays_for(128, [0.0, 0.0], 0.0), 64);
+    }
+}

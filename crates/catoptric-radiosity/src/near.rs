@@ -197,3 +197,46 @@ fn surroundings(
     let key = Key::new(seed, Purpose::Hemisphere, u64::from(vertex) | 1 << 41);
     look_around(tracer, &draft.receiver(tracer, vertex), rays, key, visit)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::coarse_patches;
+    use catoptric_scene::{Material, Rgb, Scene, SceneParts};
+
+    /// A large floor with a ball above it, far from every vertex of the floor's base triangles.
+    fn ball_on_a_floor(radius: f32) -> Scene {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        parts.add_quad("floor", white, Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0);
+        parts.add_sphere("ball", white, Vec3::new(0.21, 3.0 * radius, 0.13), radius, 12);
+        Scene::new(parts).expect("a valid scene")
+    }
+
+    /// Largest edge of the floor's triangles that come as near to the ball's foot as its radius, metres.
+    fn size_at_foot(radius: f32, detail_share: f32) -> f32 {
+        let scene = ball_on_a_floor(radius);
+        let tracer = Tracer::new(&scene);
+        let (mut draft, _) = coarse_patches(&tracer, 60);
+        let spacing = 0.7;
+        let near = Near::new(&tracer, &draft, &draft.display(&tracer), spacing, 0);
+        let params = NearParams { ratio: 1.5, rounds: 0, detail_rounds: 4, detail_share };
+        near.refine(&tracer, &mut draft, &params, spacing, 0);
+        let foot = Vec3::new(0.21, 0.0, 0.13);
+        draft
+            .leaves
+            .iter()
+            .map(|leaf| leaf.vertices.map(|v| draft.vertices[v as usize].position))
+            .filter(|corners| corners.iter().all(|c| c.y == 0.0) && is_inside(foot, *corners))
+            .flat_map(|[a, b, c]| [(b - a).length(), (c - b).length(), (a - c).length()])
+            .fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn the_floor_is_fine_under_a_ball_that_its_corners_do_not_notice() {
+        let (coarse, fine) = (size_at_foot(0.1, 0.0), size_at_foot(0.1, 2.0));
+        // The ball is 0.2 m above its foot: edges of 1.5 times that are halved, and those of 0.7 m are longer.
+        assert!(coarse > 0.5, "{coarse}");
+        assert!(fine < 0.3, "{fine} of {coarse}");
+    }
+}

@@ -385,7 +385,6 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     if let Some(caustic) = &caustic {
         result = caustic.add_to(tracer, &mut draft, result);
     }
-    keep_positive(&mut result);
     report.faces = result.mesh.faces.len();
     report.elements = result.mesh.elements.len();
     report.vertices = result.mesh.vertices.len();
@@ -559,27 +558,6 @@ fn assemble(
     }
     solution.patches = patch_radiosity(patches, indirect, sent);
     solution
-}
-
-/// Lifts vertices at which less than nothing would arrive. A least-squares fit of a light with sharp edges is negative beside
-/// them; clamped term by term it would gain energy, and most of what is below zero in one term lies under the light of
-/// the others.
-fn keep_positive(solution: &mut Solution) {
-    for vertex in 0..solution.punctual.len() {
-        let total =
-            solution.irradiance.iter().map(|term| term[vertex]).sum::<Rgb>() + solution.punctual[vertex];
-        let lack = (-total).max(Rgb::ZERO);
-        if lack == Rgb::ZERO {
-            continue;
-        }
-        let lowest = |channel: usize| {
-            let value = |term: &usize| solution.irradiance[*term][vertex][channel];
-            (0..solution.irradiance.len()).min_by(|a, b| value(a).total_cmp(&value(b))).unwrap_or(0)
-        };
-        for (channel, term) in [0, 1, 2].map(|channel| (channel, lowest(channel))) {
-            solution.irradiance[term][vertex][channel] += lack[channel];
-        }
-    }
 }
 
 /// Radiosity of the patches: what they reflect, and what comes through from the other side.

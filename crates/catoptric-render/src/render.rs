@@ -155,7 +155,7 @@ fn rows(
     progress: &dyn Progress,
     work: impl Fn((usize, usize), &mut Sample, &mut Scratch) + Sync,
 ) -> Result<(), Cancelled> {
-    pixels.par_chunks_mut(width).enumerate().try_for_each(|(y, row)| {
+    pixels.par_chunks_mut(width.max(1)).enumerate().try_for_each(|(y, row)| {
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
