@@ -21,6 +21,7 @@ use crate::contact::Obstacles;
 use crate::face::{FaceDraft, faces};
 use crate::media::find_media;
 use crate::triangulate::{FlatMesh, distinct, triangulate};
+use crate::union::Union;
 
 /// A vertex under refinement.
 #[derive(Clone, Copy, Debug)]
@@ -419,6 +420,16 @@ impl Draft {
             }
         }
         visit(leaf.vertices);
+    }
+
+    /// What each base triangle hangs together with: vertices are not shared across contact lines.
+    pub fn regions(&self) -> Vec<u32> {
+        let mut joined = Union::new(self.vertices.len());
+        for [a, b, c] in self.base.iter().copied() {
+            joined.join(a, b);
+            joined.join(a, c);
+        }
+        self.base.iter().map(|corners| joined.find(corners[0])).collect()
     }
 
     /// Where a vertex receives light.

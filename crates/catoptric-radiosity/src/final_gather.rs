@@ -17,7 +17,7 @@ use crate::patch::PatchMesh;
 use crate::rows::Row;
 use crate::sharing::Sharing;
 use crate::solve::SolveParams;
-use crate::solver::{SolverParams, spread_error};
+use crate::solver::{SolverParams, reflect_error, spread_error};
 
 /// Patch values at the vertices of the draft: means over the base triangles around, then along the hierarchy.
 pub(crate) fn spread(draft: &Draft, patches: &PatchMesh, values: &[Rgb]) -> Vec<Rgb> {
@@ -251,13 +251,23 @@ pub(crate) struct Coarse<'a> {
 impl Coarse<'_> {
     /// What becomes, per patch, of light of which the vertices of `draft` hold too little.
     fn onward(&self, draft: &Draft, lack: &[Rgb], solver: &SolverParams) -> Vec<Rgb> {
+        spread_error(self.patches, self.rows, &self.means(draft, lack), solver).indirect
+    }
+
+    /// The same after one reflection.
+    fn reflected(&self, draft: &Draft, lack: &[Rgb]) -> Vec<Rgb> {
+        reflect_error(self.patches, self.rows, &self.means(draft, lack))
+    }
+
+    /// Means per patch of values at the vertices of `draft`.
+    fn means(&self, draft: &Draft, values: &[Rgb]) -> Vec<Rgb> {
         let mut mean = vec![Rgb::ZERO; self.patches.len()];
         for leaf in &draft.leaves {
             let patch = self.patches.of_root[leaf.root as usize].0 as usize;
             let share = draft.area(leaf) / self.patches.areas[patch].max(f32::MIN_POSITIVE);
-            mean[patch] += leaf.vertices.iter().map(|&v| lack[v as usize]).sum::<Rgb>() * (share / 3.0);
+            mean[patch] += leaf.vertices.iter().map(|&v| values[v as usize]).sum::<Rgb>() * (share / 3.0);
         }
-        spread_error(self.patches, self.rows, &mean, solver).indirect
+        mean
     }
 }
 
@@ -446,25 +456,27 @@ pub(crate) fn final_gather(
             }
         }
     };
+    // The vertices saw the coarse solution, the points inside what the vertices found. What these found beyond what they
+    // saw, reflected once, brings them to where the points are, so that they hold the fit where it belongs.
+    let difference = |found: &[Rgb], seen: &[Rgb]| -> Vec<Rgb> {
+        found.iter().zip(seen).map(|(found, seen)| *found - *seen).collect()
+    };
+    let once = spread(draft, coarse.patches, &coarse.reflected(draft, &difference(&looked_at, &coarse_seen)));
+    for (&v, gathered) in displayed.origin.iter().zip(&mut at_vertices).filter(|(v, _)| !sharing.shares(**v))
+    {
+        gathered.indirect = (gathered.indirect + once[v as usize]).max(Rgb::ZERO);
+    }
     for term in 0..4 {
         fit_term(&mut terms, &at_vertices, term);
     }
-    // What was found beyond what was seen is missing from all further reflections: `seen` per draft vertex.
-    let missing = |terms: &[Option<[Rgb; 4]>], seen: &[Rgb]| {
-        let lack = |(terms, seen): (&Option<[Rgb; 4]>, &Rgb)| {
-            terms.map_or(Rgb::ZERO, |t| t.iter().copied().sum::<Rgb>() - *seen)
-        };
-        let lack: Vec<Rgb> = terms.iter().zip(seen).map(lack).collect();
-        spread(draft, coarse.patches, &coarse.onward(draft, &lack, &params.solver))
-    };
-    // The vertices saw the coarse solution: with what it lacks they hold the fit where it belongs.
-    let more = missing(&terms, &coarse_seen);
-    for (&v, gathered) in displayed.origin.iter().zip(&mut at_vertices).filter(|(v, _)| !sharing.shares(**v))
-    {
-        gathered.indirect = (gathered.indirect + more[v as usize]).max(Rgb::ZERO);
-    }
-    fit_term(&mut terms, &at_vertices, 3);
-    let more = missing(&terms, &looked_at);
+    // What was found beyond what was seen is missing from all further reflections.
+    let found: Vec<Rgb> = terms
+        .iter()
+        .zip(&looked_at)
+        .map(|(terms, seen)| terms.map_or(*seen, |t| t.iter().copied().sum::<Rgb>()))
+        .collect();
+    let lack = difference(&found, &looked_at);
+    let more = spread(draft, coarse.patches, &coarse.onward(draft, &lack, &params.solver));
     for (terms, more) in terms.iter_mut().zip(&more) {
         if let Some([.., indirect]) = terms {
             *indirect = (*indirect + *more).max(Rgb::ZERO);

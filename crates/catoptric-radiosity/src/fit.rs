@@ -10,6 +10,8 @@
 use catoptric_scene::Rgb;
 use catoptric_solution::DisplayMesh;
 
+use crate::union::Union;
+
 /// A sample inside an element.
 #[derive(Clone, Copy, Debug)]
 pub struct FitSample {
@@ -104,37 +106,49 @@ pub fn fit(
     }
     let inverse: Vec<f32> = diagonal.iter().map(|&d| if d > 0.0 { 1.0 / d } else { 0.0 }).collect();
 
-    // Preconditioned conjugate gradients on the normal equations, one system for all channels.
+    // Preconditioned conjugate gradients on the normal equations, one system for all channels, but with steps and an end of
+    // its own for each part of the mesh that hangs together: beside the inside of a lamp, a wall would not count.
+    let (part_of, parts) = parts(mesh);
+    let dot = |a: &[Rgb], b: &[Rgb]| -> Vec<f64> {
+        let mut sums = vec![0.0; parts];
+        for ((a, b), &part) in a.iter().zip(b).zip(&part_of) {
+            sums[part as usize] += f64::from(a.dot(*b));
+        }
+        sums
+    };
     let mut x = prior.to_vec();
     let mut product = Vec::with_capacity(count);
     apply(&x, &mut product);
     let mut residual: Vec<Rgb> = right.iter().zip(&product).map(|(&r, &p)| r - p).collect();
-    let dot = |a: &[Rgb], b: &[Rgb]| -> f64 { a.iter().zip(b).map(|(a, b)| f64::from(a.dot(*b))).sum() };
     let scaled = |r: &[Rgb]| -> Vec<Rgb> { r.iter().zip(&inverse).map(|(&r, &i)| r * i).collect() };
     let mut z = scaled(&residual);
     let mut direction = z.clone();
     let mut energy = dot(&residual, &z);
-    let goal = params.tolerance * params.tolerance * dot(&right, &scaled(&right));
+    let squared = params.tolerance * params.tolerance;
+    let goal: Vec<f64> = dot(&right, &scaled(&right)).iter().map(|g| (g * squared).max(0.0)).collect();
     for _ in 0..params.max_steps {
-        if energy <= goal || energy <= 0.0 {
+        if energy.iter().zip(&goal).all(|(energy, goal)| energy <= goal) {
             break;
         }
         apply(&direction, &mut product);
         let curvature = dot(&direction, &product);
-        if curvature <= 0.0 {
-            break;
-        }
-        let step = (energy / curvature) as f32;
-        for i in 0..count {
-            x[i] += direction[i] * step;
-            residual[i] -= product[i] * step;
+        let step: Vec<f32> = energy
+            .iter()
+            .zip(&goal)
+            .zip(&curvature)
+            .map(|((&e, &goal), &c)| if e > goal && c > 0.0 { (e / c) as f32 } else { 0.0 })
+            .collect();
+        for (i, &part) in part_of.iter().enumerate() {
+            x[i] += direction[i] * step[part as usize];
+            residual[i] -= product[i] * step[part as usize];
         }
         z = scaled(&residual);
         let next = dot(&residual, &z);
-        let beta = (next / energy) as f32;
+        let ratio = |(&next, &last): (&f64, &f64)| if last > 0.0 { (next / last) as f32 } else { 0.0 };
+        let beta: Vec<f32> = next.iter().zip(&energy).map(ratio).collect();
         energy = next;
-        for i in 0..count {
-            direction[i] = z[i] + direction[i] * beta;
+        for (i, &part) in part_of.iter().enumerate() {
+            direction[i] = z[i] + direction[i] * beta[part as usize];
         }
     }
     lift(mesh, &mut x);
@@ -186,6 +200,17 @@ fn lift(mesh: &DisplayMesh, values: &mut [Rgb]) {
     for value in values {
         *value = value.max(Rgb::ZERO);
     }
+}
+
+/// The part of the mesh that each vertex belongs to, and their number: what hangs together by elements.
+fn parts(mesh: &DisplayMesh) -> (Vec<u32>, usize) {
+    let mut joined = Union::new(mesh.vertices.len());
+    for element in &mesh.elements {
+        let [a, b, c] = element.vertices;
+        joined.join(a, b);
+        joined.join(a, c);
+    }
+    joined.numbered()
 }
 
 /// ℓ² times the edge weights of the element's stiffness matrix: half the cotangent of the opposite angle (Pinkall &
@@ -276,6 +301,30 @@ mod tests {
         for (v, value) in fit(&mesh, &samples, &values, &prior, &trust, &params).iter().enumerate() {
             assert!((*value - light(mesh.vertices[v].position)).length() < 1e-3, "vertex {v}: {value}");
         }
+    }
+
+    /// A part a million times as bright neither ends nor disturbs the fit of another.
+    #[test]
+    fn parts_that_do_not_hang_together_are_fitted_apart() {
+        let (one, n) = (strip(8), 8);
+        let mut mesh = one.clone();
+        let count = one.vertices.len() as u32;
+        mesh.vertices.extend(one.vertices.iter().copied());
+        let shifted = |e: &Element| Element { vertices: e.vertices.map(|v| v + count) };
+        mesh.elements.extend(one.elements.iter().map(shifted).collect::<Vec<_>>());
+        let both = samples(&mesh);
+        let light = |p: Vec3| Rgb::splat(1.0 + (p.x - 0.5 * n as f32).powi(2));
+        let of = |mesh: &DisplayMesh, s: &FitSample| {
+            light(position(mesh, s)) * if s.element < 2 * n { 1.0 } else { 1e6 }
+        };
+        let params = FitParams::default();
+        let fitted = |mesh: &DisplayMesh, samples: &[FitSample]| {
+            let values: Vec<Rgb> = samples.iter().map(|s| of(mesh, s)).collect();
+            let (prior, trust) = (vec![Rgb::ONE; mesh.vertices.len()], vec![1.0; mesh.vertices.len()]);
+            fit(mesh, samples, &values, &prior, &trust, &params)
+        };
+        let alone = fitted(&one, &samples(&one));
+        assert_eq!(fitted(&mesh, &both)[..count as usize], alone);
     }
 
     /// A bump that point samples at the vertices would overestimate keeps its integral.

@@ -23,5 +23,6 @@ pub mod sharing;
 pub mod solve;
 pub mod solver;
 pub mod triangulate;
+mod union;
 
 pub use solve::{SolveError, SolveParams, SolveReport, Solved, solve};

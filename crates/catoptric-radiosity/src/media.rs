@@ -23,21 +23,17 @@ pub fn find_media(tracer: &Tracer, draft: &mut Draft) {
     if !has_solids(tracer) {
         return;
     }
-    let mut parent: Vec<u32> = (0..draft.vertices.len() as u32).collect();
-    for [a, b, c] in draft.base.iter().copied() {
-        join(&mut parent, a, b);
-        join(&mut parent, a, c);
-    }
+    let regions = draft.regions();
     // The largest triangle of each region speaks for it; triangles of curved surfaces speak for themselves.
     let mut largest: BTreeMap<(u32, u32), (f32, u32)> = BTreeMap::new();
-    let region = |parent: &mut [u32], draft: &Draft, root: usize| {
+    let region = |draft: &Draft, root: usize| {
         let face = draft.face_of_root[root];
         let curved = draft.faces[face as usize].curved;
-        (face, if curved { 0 } else { find(parent, draft.base[root][0]) })
+        (face, if curved { 0 } else { regions[root] })
     };
     for leaf in &draft.leaves {
         let area = draft.area(leaf);
-        let best = largest.entry(region(&mut parent, draft, leaf.root as usize)).or_insert((area, leaf.root));
+        let best = largest.entry(region(draft, leaf.root as usize)).or_insert((area, leaf.root));
         if area > best.0 {
             *best = (area, leaf.root);
         }
@@ -52,25 +48,12 @@ pub fn find_media(tracer: &Tracer, draft: &mut Draft) {
         })
         .collect();
     for root in (0..draft.roots).rev() {
-        let medium = medium_of[&region(&mut parent, draft, root)];
+        let medium = medium_of[&region(draft, root)];
         draft.medium_of_root[root] = medium;
         for v in draft.base[root] {
             draft.vertices[v as usize].medium = medium;
         }
     }
-}
-
-fn find(parent: &mut [u32], mut of: u32) -> u32 {
-    while parent[of as usize] != of {
-        parent[of as usize] = parent[parent[of as usize] as usize];
-        of = parent[of as usize];
-    }
-    of
-}
-
-fn join(parent: &mut [u32], a: u32, b: u32) {
-    let (a, b) = (find(parent, a), find(parent, b));
-    parent[a.max(b) as usize] = a.min(b);
 }
 
 /// The medium before a side of a triangle at one of its points.

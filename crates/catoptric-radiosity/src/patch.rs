@@ -44,7 +44,8 @@ impl PatchMesh {
     pub fn new(tracer: &Tracer, draft: &Draft, spacing: f32) -> Self {
         let scene = tracer.scene();
         let mut mesh = Self { of_root: vec![PatchId(0); draft.roots], ..Self::default() };
-        let mut clusters: BTreeMap<[i32; 6], PatchId> = BTreeMap::new();
+        let mut clusters: BTreeMap<[i32; 7], PatchId> = BTreeMap::new();
+        let regions = regions_of_cut_faces(draft);
         for leaf in &draft.leaves {
             let area = draft.area(leaf);
             let face = &draft.faces[leaf.face as usize];
@@ -53,13 +54,22 @@ impl PatchMesh {
             let patch = if area >= CLUSTER_BELOW * spacing * spacing {
                 mesh.push(medium)
             } else {
-                // One cluster per cube of the spacing, material, side and dominant direction.
+                // One cluster per cube of the spacing, material, side and dominant direction, and on one side of the
+                // contact lines: else light would pass through the walls that stand there.
                 let normal = face.side.orient(scene.geometric_normal(face.triangles[0]));
                 let axis = dominant_axis(normal);
                 let cube = (center / spacing).floor();
                 let material = scene.material_id_of(face.triangles[0]).0 as i32;
                 let kind = axis << 1 | face.side as i32;
-                let key = [cube.x as i32, cube.y as i32, cube.z as i32, material, kind, i32::from(medium.0)];
+                let key = [
+                    cube.x as i32,
+                    cube.y as i32,
+                    cube.z as i32,
+                    material,
+                    kind,
+                    i32::from(medium.0),
+                    regions[leaf.root as usize],
+                ];
                 *clusters.entry(key).or_insert_with(|| mesh.push(medium))
             };
             mesh.add(tracer, draft, leaf.root, patch, area, center);
@@ -165,6 +175,19 @@ impl PatchMesh {
         let medium = draft.medium_of_root[root as usize];
         draft.receiver_at(tracer, face, medium, position, normal, triangle)
     }
+}
+
+/// The part of its face that each base triangle belongs to, where contact lines cut the face; else −1.
+fn regions_of_cut_faces(draft: &Draft) -> Vec<i32> {
+    let regions = draft.regions();
+    let mut first = vec![None; draft.faces.len()];
+    let mut is_cut = vec![false; draft.faces.len()];
+    for (&face, &region) in draft.face_of_root.iter().zip(&regions) {
+        let face = face as usize;
+        is_cut[face] |= *first[face].get_or_insert(region) != region;
+    }
+    let of = |(&face, &region): (&u32, &u32)| if is_cut[face as usize] { region as i32 } else { -1 };
+    draft.face_of_root.iter().zip(&regions).map(of).collect()
 }
 
 /// The point of barycentric coordinates (u, v) between three vertices of a draft.

@@ -6,11 +6,13 @@ use catoptric_scene::Rgb;
 
 use crate::patch::{PatchId, PatchMesh};
 use crate::rows::Row;
+use crate::union::Union;
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolverParams {
-    /// Change of the irradiance in a sweep, area-weighted, relative to what was sent in the first place.
+    /// Change of the irradiance in a sweep, area-weighted, relative to what was sent in the first place, in each space that
+    /// no light leaves.
     pub tolerance: f64,
     /// Sweeps at most.
     pub max_sweeps: usize,
@@ -29,7 +31,7 @@ pub struct PatchSolution {
     pub indirect: Vec<Rgb>,
     /// Sweeps.
     pub sweeps: usize,
-    /// Change of the last sweep relative to what was sent in the first place.
+    /// Change of the last sweep relative to what was sent in the first place, in the space where it is greatest.
     pub residual: f64,
 }
 
@@ -60,6 +62,21 @@ pub fn spread_error(
     sweep(patches, rows, [error, &vec![Rgb::ZERO; rows.len()]], &[], params, &mut |_, _| ())
 }
 
+/// What becomes of an error of the irradiance after one reflection: F ρ·`error`.
+pub fn reflect_error(patches: &PatchMesh, rows: &[Row], error: &[Rgb]) -> Vec<Rgb> {
+    let sent: Vec<Rgb> = (0..patches.len()).map(|index| radiosity(patches, index, |i| error[i])).collect();
+    rows.iter().map(|row| row.gather(|p: PatchId| sent[p.0 as usize])).collect()
+}
+
+/// What a patch sends: ρ of its irradiance, and τ of the other side's.
+fn radiosity(patches: &PatchMesh, index: usize, irradiance: impl Fn(usize) -> Rgb) -> Rgb {
+    let own = patches.reflectances[index] * irradiance(index);
+    match patches.opposite[index] {
+        Some(other) => own + patches.transmittances[index] * irradiance(other.0 as usize),
+        None => own,
+    }
+}
+
 /// Sweeps until the irradiance stays. `sources` are reflected and not part of the result; `found` is both.
 fn sweep(
     patches: &PatchMesh,
@@ -71,25 +88,27 @@ fn sweep(
 ) -> PatchSolution {
     let count = patches.len();
     let mut irradiance: Vec<Rgb> = if start.is_empty() { vec![Rgb::ZERO; count] } else { start.to_vec() };
-    let total = |index: usize, irradiance: &[Rgb]| sources[index] + irradiance[index];
-    let radiosity = |index: usize, irradiance: &[Rgb]| {
-        let own = patches.reflectances[index] * total(index, irradiance);
-        match patches.opposite[index] {
-            Some(other) => own + patches.transmittances[index] * total(other.0 as usize, irradiance),
-            None => own,
-        }
-    };
+    let radiosity =
+        |index: usize, irradiance: &[Rgb]| radiosity(patches, index, |i| sources[i] + irradiance[i]);
     let mut sent: Vec<Rgb> = (0..count).map(|i| radiosity(i, &irradiance)).collect();
-    let mut scale: f64 = (0..count)
-        .map(|i| f64::from(patches.areas[i]) * f64::from((sources[i] + found[i]).abs().max_element()))
-        .sum();
-    scale = scale.max(f64::MIN_POSITIVE);
+    // Each space that no light leaves ends by itself: a lamp that is bright inside does not say when a room is done.
+    let (space_of, spaces) = spaces(patches, rows);
+    let mut scales = vec![f64::MIN_POSITIVE; spaces];
+    for (index, &space) in space_of.iter().enumerate() {
+        let first = (sources[index] + found[index]).abs().max_element();
+        scales[space as usize] += f64::from(patches.areas[index]) * f64::from(first);
+    }
+    let mut done = vec![false; spaces];
     let mut solution = PatchSolution::default();
     while solution.sweeps < params.max_sweeps {
-        let mut change = 0.0_f64;
+        let mut changes = vec![0.0_f64; spaces];
         for index in 0..count {
+            let space = space_of[index] as usize;
+            if done[space] {
+                continue;
+            }
             let gathered = found[index] + rows[index].gather(|p: PatchId| sent[p.0 as usize]);
-            change += f64::from(patches.areas[index])
+            changes[space] += f64::from(patches.areas[index])
                 * f64::from((gathered - irradiance[index]).abs().max_element());
             irradiance[index] = gathered;
             sent[index] = radiosity(index, &irradiance);
@@ -98,7 +117,11 @@ fn sweep(
             }
         }
         solution.sweeps += 1;
-        solution.residual = change / scale;
+        solution.residual = 0.0;
+        for (done, (change, scale)) in done.iter_mut().zip(changes.iter().zip(&scales)) {
+            solution.residual = (change / scale).max(solution.residual);
+            *done |= change / scale < params.tolerance;
+        }
         watch(solution.sweeps, &sent);
         if solution.residual < params.tolerance {
             break;
@@ -106,4 +129,15 @@ fn sweep(
     }
     solution.indirect = irradiance;
     solution
+}
+
+/// The space that each patch belongs to, and their number: patches that send each other light, directly or by way of others.
+fn spaces(patches: &PatchMesh, rows: &[Row]) -> (Vec<u32>, usize) {
+    let mut joined = Union::new(rows.len());
+    for (index, row) in rows.iter().enumerate() {
+        for patch in row.patches.iter().chain(&patches.opposite[index]) {
+            joined.join(index as u32, patch.0);
+        }
+    }
+    joined.numbered()
 }
