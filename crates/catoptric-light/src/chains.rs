@@ -302,12 +302,15 @@ pub struct Unfolded {
     pub geometric: DVec3,
     /// The last mirror's plane: what emits in it has no image in it.
     pub last: PlaneId,
+    /// Its equation, turned so that what it reflects to the receiver has n·x > offset.
+    pub beyond: Option<Plane>,
 }
 
 impl Unfolded {
     /// The view of the emitters from here.
     pub(crate) fn view<'a>(&self, windows: &'a Windows) -> View<'a> {
-        View { point: self.position, normal: self.normal, geometric: self.geometric, windows }
+        let (point, beyond) = (self.position, self.beyond);
+        View { point, normal: self.normal, geometric: self.geometric, windows, beyond }
     }
 }
 
@@ -320,7 +323,7 @@ impl ImageChains {
         normal: DVec3,
         geometric: DVec3,
     ) -> Option<Unfolded> {
-        let mut image = Unfolded { position, normal, geometric, last: PlaneId::NONE };
+        let mut image = Unfolded { position, normal, geometric, last: PlaneId::NONE, beyond: None };
         for &index in &chain.reflectors {
             let reflector = &self.reflectors[index];
             let height = |p: &Aperture| p.normal.dot(image.position - p.outline.corners()[0]);
@@ -332,6 +335,9 @@ impl ImageChains {
             image.normal = reflector.plane.reflect_vector(image.normal);
             image.geometric = reflector.plane.reflect_vector(image.geometric);
             image.last = reflector.id;
+            let Plane { normal, offset } = reflector.plane;
+            let turned = if normal.dot(image.position) > offset { -1.0 } else { 1.0 };
+            image.beyond = Some(Plane { normal: normal * turned, offset: offset * turned });
         }
         Some(image)
     }

@@ -11,13 +11,14 @@ use glam::{DVec3, Vec3};
 
 use catoptric_scene::{Rgb, Sky};
 use catoptric_trace::beam::{Base, End, Pyramid};
+use catoptric_trace::plane::Plane;
 use catoptric_trace::sequence::Key;
 use catoptric_trace::{PlaneId, Tracer, walk};
 
 use crate::chains::{ImageChain, ImageChains, Unfolded};
 use crate::contour::{self, Polygon};
 use crate::emitter::{Cell, Emitters};
-use crate::lamp::{Outline, Sight};
+use crate::lamp::{Beyond, Outline, Sight};
 use crate::light_tree::{Cut, Part, Windows};
 use crate::receiver::Receiver;
 use crate::sky::BrightSky;
@@ -222,6 +223,7 @@ impl<'a> Lights<'a> {
             normal: receiver.normal.as_dvec3(),
             geometric: receiver.geometric.as_dvec3(),
             last: PlaneId::NONE,
+            beyond: None,
         };
         self.over(receiver, None, &image, samples, key, scratch)
     }
@@ -398,7 +400,12 @@ impl<'a> Lights<'a> {
             if !lamp.may_be_seen(image.position, windows) {
                 continue;
             }
-            match lamp.outline(image.position, image.geometric, image.last, outline) {
+            let sight = match lamp.beyond(image.beyond) {
+                Beyond::No => Sight::Hidden,
+                Beyond::Partly => Sight::Facets,
+                Beyond::Wholly => lamp.outline(image.position, image.geometric, image.last, outline),
+            };
+            match sight {
                 Sight::Hidden => {}
                 Sight::Facets => {
                     for cell in lamp.cells.clone() {
@@ -454,12 +461,16 @@ impl<'a> Lights<'a> {
             }
         };
         let outline = cell.polygon();
-        let horizon = outline.clipped(image.geometric, image.geometric.dot(image.position));
+        let mut horizon = outline.clipped(image.geometric, image.geometric.dot(image.position));
+        // What lies between the receiver's image and the last mirror is not before that mirror.
+        if let Some(Plane { normal, offset }) = image.beyond {
+            horizon = horizon.clipped(normal, offset);
+        }
         if horizon.is_empty() {
             return;
         }
         if windows.is_empty() {
-            add(horizon, horizon.corners().len() == outline.corners().len());
+            add(horizon, horizon.corners() == outline.corners());
         }
         for window in windows.iter() {
             let mut polygon = horizon;

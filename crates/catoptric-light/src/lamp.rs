@@ -10,6 +10,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use catoptric_scene::{AlphaMode, Rgb, Surface, TriangleId};
+use catoptric_trace::plane::Plane;
 use catoptric_trace::{PlaneId, Tracer};
 
 use crate::emitter::Cell;
@@ -66,6 +67,17 @@ pub enum Sight {
     Outline,
     /// From so near that it fills the view: facet by facet.
     Facets,
+}
+
+/// How much of a lamp lies beyond a plane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Beyond {
+    /// Nothing.
+    No,
+    /// A part.
+    Partly,
+    /// All.
+    Wholly,
 }
 
 /// Corners at most: each pair of a facet and a corner is tested once.
@@ -143,6 +155,18 @@ impl Lamp {
     /// Whether any of it may be seen through the windows.
     pub fn may_be_seen(&self, eye: DVec3, windows: &Windows) -> bool {
         windows.may_show(self.center - eye, self.radius)
+    }
+
+    /// How much of it lies where n·x ≥ offset.
+    pub fn beyond(&self, plane: Option<Plane>) -> Beyond {
+        let height = plane.map_or(f64::INFINITY, |p| p.normal.dot(self.center) - p.offset);
+        if height >= self.radius {
+            Beyond::Wholly
+        } else if height <= -self.radius {
+            Beyond::No
+        } else {
+            Beyond::Partly
+        }
     }
 
     /// Finds the outline from `eye`, above the horizon of its unit normal `geometric` at least in part. What faces the eye

@@ -9,6 +9,7 @@ use std::collections::BinaryHeap;
 use glam::DVec3;
 
 use catoptric_scene::Rgb;
+use catoptric_trace::plane::Plane;
 
 use crate::contour::Polygon;
 use crate::emitter::Cell;
@@ -102,6 +103,21 @@ pub struct View<'a> {
     pub geometric: DVec3,
     /// Light must come through one of these, unless there are none.
     pub windows: &'a Windows,
+    /// And from where n·x > offset.
+    pub beyond: Option<Plane>,
+}
+
+impl View<'_> {
+    /// Whether any of a ball may be seen through the windows, and lies beyond the plane.
+    fn may_show(&self, center: DVec3, radius: f64) -> bool {
+        self.beyond.is_none_or(|p| p.normal.dot(center) - p.offset > -radius)
+            && self.windows.may_show(center - self.point, radius)
+    }
+
+    /// Whether all of a ball lies beyond the plane.
+    fn has_beyond(&self, center: DVec3, radius: f64) -> bool {
+        self.beyond.is_none_or(|p| p.normal.dot(center) - p.offset > radius)
+    }
 }
 
 /// The parts that one receiver sees, and the buffer that finds them.
@@ -244,13 +260,14 @@ impl LightTree {
         }
         let offset = node.center - view.point;
         let height = view.geometric.dot(offset);
-        if height + node.radius <= 0.0 || !view.windows.may_show(offset, node.radius) {
+        if height + node.radius <= 0.0 || !view.may_show(node.center, node.radius) {
             return Look::Dark;
         }
         let distance = offset.length();
         let towards = -node.axis.dot(offset);
         let few = self.nodes.len() <= 2 * FEW;
-        let small = node.radius < GROUP_RATIO * distance && height > node.radius && !few && !node.lobed;
+        let whole = height > node.radius && view.has_beyond(node.center, node.radius);
+        let small = node.radius < GROUP_RATIO * distance && whole && !few && !node.lobed;
         let Some(children) = node.children else {
             return Look::Part(if small { Part::Group(index) } else { Part::Cell(node.first) });
         };
@@ -273,7 +290,7 @@ impl LightTree {
         if view.geometric.dot(offset) + node.radius <= 0.0 {
             return 0.0;
         }
-        if !view.windows.may_show(offset, node.radius) {
+        if !view.may_show(node.center, node.radius) {
             return 0.0;
         }
         let distance = offset.length();
