@@ -112,7 +112,14 @@ pub fn render(
 
     // One ray through the centre of every pixel.
     progress.begin("image", 3 * height as u64);
-    let mut pixels = vec![Sample::NOTHING; width * height];
+    let mut pixels = Vec::with_capacity(width * height);
+    for _ in 0..height {
+        // Gigabytes, where the picture is large.
+        if progress.is_cancelled() {
+            return Err(Cancelled);
+        }
+        pixels.resize(pixels.len() + width, Sample::NOTHING);
+    }
     rows(&mut pixels, width, progress, |at, pixel, scratch| {
         let key = Key::new(params.seed, Purpose::Pixel, (at.1 * width + at.0) as u64);
         *pixel = shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 0), key, scratch);
