@@ -95,6 +95,11 @@ pub struct Displayed {
 /// rounding at any scale, below what a pixel shows.
 const INSET: f32 = 0.01;
 
+/// Weights of a random point of an element, drawn inside as far: on a contact line, f32 may round it to the other side.
+pub(crate) fn drawn_inside((u, v): (f32, f32)) -> [f32; 3] {
+    [1.0 - u - v, u, v].map(|weight| weight + (1.0 / 3.0 - weight) * INSET)
+}
+
 /// Key of an edge.
 #[inline]
 fn edge(a: u32, b: u32) -> (u32, u32) {

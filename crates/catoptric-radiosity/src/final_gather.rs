@@ -10,7 +10,7 @@ use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_solution::DisplayMesh;
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 
-use crate::draft::{Displayed, Draft};
+use crate::draft::{Displayed, Draft, drawn_inside};
 use crate::fit::{FitParams, FitSample, fit};
 use crate::gather::{DiffuseLight, Gathered, gather_part};
 use crate::patch::PatchMesh;
@@ -319,8 +319,8 @@ pub(crate) fn final_gather(
                 if covered { 0.0 } else { (params.gather_points * (area / whole).min(1.0)).max(floor) };
             let count = (expected + key.uniform(0)).floor() as u32;
             (0..count).map(move |index| {
-                let (u, v) = triangle_point(key.point2(index));
-                FitSample { element, weights: [1.0 - u - v, u, v], area: area / expected.max(count as f32) }
+                let weights = drawn_inside(triangle_point(key.point2(index)));
+                FitSample { element, weights, area: area / expected.max(count as f32) }
             })
         })
         .collect();

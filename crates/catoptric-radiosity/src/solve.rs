@@ -13,7 +13,7 @@ use catoptric_trace::{Ledger, Tracer};
 use crate::caustic::{CausticParams, CausticReport, caustic};
 pub use crate::coarse::SolveError;
 use crate::coarse::{CoarseParams, CoarseSolution, MAX_FRAMES, rows_by, solve_coarse};
-use crate::draft::{Displayed, Draft};
+use crate::draft::{Displayed, Draft, drawn_inside};
 use crate::final_gather::{Coarse, HIDDEN_TRUST, Sight, final_gather};
 use crate::fit::{FitParams, FitSample, fit};
 use crate::frames::Frames;
@@ -423,8 +423,8 @@ fn fit_sources(
                 (expected + key.uniform(0)).floor() as u32
             };
             (0..count).map(move |index| {
-                let (u, v) = triangle_point(key.point2(index));
-                FitSample { element, weights: [1.0 - u - v, u, v], area: area / count as f32 }
+                let weights = drawn_inside(triangle_point(key.point2(index)));
+                FitSample { element, weights, area: area / count as f32 }
             })
         })
         .collect();
