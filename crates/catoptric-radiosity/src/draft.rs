@@ -289,7 +289,7 @@ impl Draft {
             .iter()
             .flat_map(|l| (0..3).map(|k| edge(l.vertices[k], l.vertices[(k + 1) % 3])))
             .collect();
-        edges.sort_unstable();
+        edges.par_sort_unstable();
         edges.dedup();
         edges
     }

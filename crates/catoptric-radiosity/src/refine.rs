@@ -138,7 +138,8 @@ pub fn refine(
     let fine = |a: u32, b: u32, length: f32| {
         values.sharing.shares(a) && values.sharing.shares(b) && length < 2.0 * cell
     };
-    let mut candidates = draft.edges();
+    let mut known = draft.edges();
+    let mut candidates = known.clone();
     candidates.retain(|&(a, b)| {
         let [p, q] = [a, b].map(|v| draft.vertices[v as usize].position);
         !fine(a, b, (q - p).length())
@@ -184,13 +185,14 @@ pub fn refine(
         if marks.is_empty() {
             return Ok(());
         }
-        let known = draft.edges();
         let marks: Vec<(u32, u32)> = marks.into_iter().map(|m| m.1).collect();
         draft.split(tracer, &marks);
         values.extend(draft, field, progress)?;
         // Only new edges are looked at in the next round.
-        candidates = draft.edges();
-        candidates.retain(|e| known.binary_search(e).is_err());
+        let edges = draft.edges();
+        candidates.clear();
+        candidates.extend(edges.iter().filter(|e| known.binary_search(e).is_err()));
+        known = edges;
     }
     Ok(())
 }

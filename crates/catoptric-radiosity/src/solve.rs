@@ -451,18 +451,19 @@ fn fit_sources(
     let fit_params = FitParams { smoothing: params.fit.smoothing * spacing, ..params.fit };
     let trust: Vec<f32> =
         displayed.origin.iter().map(|&v| if hidden[v as usize] { HIDDEN_TRUST } else { 1.0 }).collect();
-    let mut refit = |values: &[Rgb], term: fn(&mut SourceLight) -> &mut Rgb| {
-        let prior: Vec<Rgb> = displayed.origin.iter().map(|&v| *term(&mut sources[v as usize])).collect();
-        if prior.iter().chain(values).any(|v| *v != Rgb::ZERO) {
-            for (&v, fitted) in
-                displayed.origin.iter().zip(fit(mesh, &samples, values, &prior, &trust, &fit_params))
-            {
-                *term(&mut sources[v as usize]) = fitted;
-            }
+    let fitted = |values: &[Rgb], term: fn(&SourceLight) -> Rgb| {
+        let prior: Vec<Rgb> = displayed.origin.iter().map(|&v| term(&sources[v as usize])).collect();
+        if prior.iter().chain(values).all(|v| *v == Rgb::ZERO) {
+            return prior;
         }
+        fit(mesh, &samples, values, &prior, &trust, &fit_params)
     };
-    refit(&direct, |s| &mut s.direct);
-    refit(&mirrored, |s| &mut s.mirrored);
+    let (direct, mirrored) =
+        rayon::join(|| fitted(&direct, |s| s.direct), || fitted(&mirrored, |s| s.mirrored));
+    for ((&v, direct), mirrored) in displayed.origin.iter().zip(direct).zip(mirrored) {
+        let source = &mut sources[v as usize];
+        (source.direct, source.mirrored) = (direct, mirrored);
+    }
     Ok(())
 }
 
