@@ -379,13 +379,16 @@ impl Emitters {
     fn find_lamps(&self, tracer: &Tracer) -> Vec<Lamp> {
         let mut lamps = Vec::new();
         let scene = tracer.scene();
+        let mut cell_of: Vec<Option<&Cell>> = vec![None; scene.triangles().len()];
+        for cell in &self.cells {
+            cell_of[cell.triangles[0].index()] = Some(cell);
+        }
         for surface in scene.surfaces() {
-            let triangles = surface.triangles.clone();
-            if !triangles.clone().all(|t| self.emits[t as usize] && !self.is_broad[t as usize]) {
+            let mut triangles = surface.triangles.clone().map(|t| t as usize);
+            if !triangles.clone().all(|t| self.emits[t] && !self.is_broad[t]) {
                 continue;
             }
-            let of_surface = |c: &&Cell| triangles.contains(&c.triangles[0].0);
-            let Some(cell) = self.cells.iter().find(of_surface) else { continue };
+            let Some(cell) = triangles.find_map(|t| cell_of[t]) else { continue };
             lamps.extend(Lamp::new(tracer, surface, cell));
             if lamps.len() > MAX_LAMPS {
                 return Vec::new();
