@@ -8,6 +8,7 @@ use std::ops::Range;
 use glam::{DVec2, DVec3, Vec3, Vec4};
 
 use crate::plane::{Plane, PlaneId};
+use crate::eight::{Eight, at_level};
 use crate::tree::{LEAF, Node, Packet, Tree, leaf};
 
 /// Corners of a base, at most.
@@ -150,23 +151,26 @@ impl Pyramid {
     }
 
     /// The children whose boxes are not certainly outside.
-    #[inline]
-    fn meets_boxes(&self, node: &Node) -> u32 {
-        let splat = Vec4::splat;
-        let mut near = Vec4::ZERO.cmpeq(Vec4::ZERO);
+    #[inline(always)]
+    fn meets_boxes<E: Eight>(&self, e: E, node: &Node) -> u32 {
+        let mut near = u32::MAX;
         for axis in 0..3 {
-            near &= node.min[axis].cmple(splat(self.max[axis])) & node.max[axis].cmpge(splat(self.min[axis]));
+            near &= e.at_most(e.load(&node.bounds[axis]), e.splat(self.max[axis]));
+            near &= e.at_most(e.splat(self.min[axis]), e.load(&node.bounds[axis + 3]));
         }
         for (normal, offset) in self.planes() {
-            let mut least = Vec4::ZERO;
+            if near == 0 {
+                return 0;
+            }
+            let mut least = e.splat(0.0);
             for axis in 0..3 {
-                let bound = if normal[axis] > 0.0 { node.min[axis] } else { node.max[axis] };
-                least += splat(normal[axis]) * bound;
+                let bound = &node.bounds[if normal[axis] > 0.0 { axis } else { axis + 3 }];
+                least = e.add(least, e.multiply(e.splat(normal[axis]), e.load(bound)));
             }
             // The boxes are padded by more than the rounding of this sum.
-            near &= least.cmple(splat(*offset));
+            near &= e.at_most(least, e.splat(*offset));
         }
-        near.bitmask() & node.used
+        near
     }
 
     /// Whether any triangle of a packet is not certainly outside, by more than `slack`.
@@ -176,7 +180,7 @@ impl Pyramid {
         let mut lanes = 0;
         for lane in 0..4 {
             let own = self.skip.contains(&packet.ids[lane]) || self.ignore.contains(&packet.planes[lane]);
-            lanes |= u32::from(packet.ids[lane] != u32::MAX && !own) << lane;
+            lanes |= u32::from(!own) << lane;
         }
         if lanes == 0 {
             return false;
@@ -216,6 +220,11 @@ impl Tree {
     /// Whether no triangle at all may lie in the pyramid. Triangles that touch it from outside by less than the padding
     /// of the boxes do not count.
     pub(crate) fn is_empty_in(&self, pyramid: &Pyramid) -> bool {
+        at_level!(self.level, eight => self.is_empty_by(eight, pyramid))
+    }
+
+    #[inline(always)]
+    fn is_empty_by<E: Eight>(&self, eight: E, pyramid: &Pyramid) -> bool {
         if self.nodes.is_empty() {
             return true;
         }
@@ -232,7 +241,7 @@ impl Tree {
                 continue;
             }
             let node = &self.nodes[current as usize];
-            let mut bits = pyramid.meets_boxes(node);
+            let mut bits = pyramid.meets_boxes(eight, node);
             while bits != 0 {
                 let slot = bits.trailing_zeros() as usize;
                 bits &= bits - 1;

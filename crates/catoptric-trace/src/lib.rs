@@ -6,6 +6,7 @@
 pub mod beam;
 pub mod boxes;
 pub mod chain;
+mod eight;
 pub mod fresnel;
 pub mod interaction;
 pub mod ledger;

@@ -1,4 +1,4 @@
-//! The bounding volume tree: built by obvhs, collapsed to four children a node, triangles in packets of four.
+//! The bounding volume tree: built by obvhs, collapsed to eight children a node, triangles in packets of four.
 //!
 //! obvhs's defects designed out (each held by a test in `tracer.rs`):
 //! * its Morton codes wrap at the scene's maximum faces, so closed rooms get trees that are 8–18× slower: boxes
@@ -6,13 +6,15 @@
 //! * its boxes and triangle tests are not watertight: boxes are padded here and the test is Woop, Benthin & Wald's;
 //! * its wide tree drops hits nearer than an absolute 1e-4: the traversal here has no near limit of its own.
 //!
-//! Slabs and triangles use `glam::Vec4`, which is SSE2 on x86-64 and scalar elsewhere with the same bits.
+//! Slabs go by eight (see [`crate::eight`]), triangles by four in `glam::Vec4`, which is SSE2 on x86-64 and scalar
+//! elsewhere with the same bits.
 
 use glam::{Vec3, Vec4};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::{Bvh2, leaf_collapser, reinsertion::ReinsertionOptimizer};
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
+use crate::eight::{Eight, Level, Plain, Row, at_level};
 use crate::plane::PlaneId;
 
 /// What a triangle can do to a ray besides blocking it.
@@ -31,15 +33,16 @@ pub(crate) struct Facet {
     pub(crate) flags: u8,
 }
 
-/// Four boxes, one per child.
+/// Children of a node.
+const WIDTH: usize = 8;
+
+/// Eight boxes, one per child.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Node {
-    pub(crate) min: [Vec4; 3],
-    pub(crate) max: [Vec4; 3],
+    /// Least x, y and z, and greatest x, y and z; +∞ and −∞ where there is no child.
+    pub(crate) bounds: [Row; 6],
     /// `LEAF | first packet << 4 | packets`, or the index of a node.
-    pub(crate) children: [u32; 4],
-    /// Bit per slot in use.
-    pub(crate) used: u32,
+    pub(crate) children: [u32; WIDTH],
 }
 
 /// Tells a leaf among the children of a node.
@@ -58,7 +61,6 @@ pub(crate) fn leaf(child: u32) -> std::ops::Range<usize> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Packet {
     pub(crate) corners: [[Vec4; 3]; 3],
-    /// `u32::MAX` in lanes that are not in use.
     pub(crate) ids: [u32; 4],
     pub(crate) planes: [u32; 4],
     flags: [u8; 4],
@@ -71,14 +73,17 @@ pub(crate) struct Tree {
     pub(crate) packets: Vec<Packet>,
     /// What the boxes are larger than their triangles, metres.
     pub(crate) padding: f32,
+    pub(crate) level: Level,
 }
 
 /// What a ray brings to the traversal.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Probe {
-    inverse: [Vec4; 3],
-    /// Scaled origin would lose bits: slabs subtract first.
-    origin4: [Vec4; 3],
+    origin: Vec3,
+    inverse: Vec3,
+    /// Rows of a node's bounds at which the ray enters and leaves.
+    near: [usize; 3],
+    far: [usize; 3],
     /// Axis of the largest direction component, and the two others, ordered to keep the winding.
     axes: [usize; 3],
     shear: [f32; 3],
@@ -116,9 +121,12 @@ impl Probe {
             std::mem::swap(&mut x, &mut y);
         }
         let shear = [direction[x] / direction[z], direction[y] / direction[z], 1.0 / direction[z]];
+        let side = |axis: usize, ahead: bool| if (inverse[axis] > 0.0) == ahead { axis + 3 } else { axis };
         Self {
-            inverse: [Vec4::splat(inverse.x), Vec4::splat(inverse.y), Vec4::splat(inverse.z)],
-            origin4: [Vec4::splat(origin.x), Vec4::splat(origin.y), Vec4::splat(origin.z)],
+            origin,
+            inverse,
+            near: [0, 1, 2].map(|axis| side(axis, false)),
+            far: [0, 1, 2].map(|axis| side(axis, true)),
             axes: [x, y, z],
             shear,
             ignore: [ignore[0].0, ignore[1].0],
@@ -161,12 +169,12 @@ impl Tree {
         );
         ReinsertionOptimizer::default().run(&mut binary, 0.15, None);
         leaf_collapser::collapse(&mut binary, 8, 2.5);
-        let mut tree = Self { padding, ..Self::default() };
+        let mut tree = Self { padding, level: Level::detect(), ..Self::default() };
         tree.collapse(&binary, facets);
         tree
     }
 
-    /// Turns the binary tree into one of four children a node.
+    /// Turns the binary tree into one of eight children a node.
     fn collapse(&mut self, binary: &Bvh2, facets: &[Facet]) {
         // Pairs of (binary node, slot to fill): the slot is (node, child) of this tree.
         let mut open: Vec<(usize, usize, usize)> = Vec::new();
@@ -174,8 +182,8 @@ impl Tree {
         debug_assert_eq!(root, 0);
         while let Some((source, node, slot)) = open.pop() {
             let mut group = vec![source];
-            // Open the largest inner node until there are four.
-            while group.len() < 4 {
+            // Open the largest inner node until there are eight.
+            while group.len() < WIDTH {
                 let largest =
                     (0..group.len()).filter(|&i| !binary.nodes[group[i]].is_leaf()).max_by(|&a, &b| {
                         let area = |i: usize| binary.nodes[group[i]].aabb.half_area();
@@ -200,14 +208,14 @@ impl Tree {
         facets: &[Facet],
     ) -> usize {
         let index = self.nodes.len();
-        let mut node = Node { min: [Vec4::ZERO; 3], max: [Vec4::ZERO; 3], children: [0; 4], used: 0 };
+        let [low, high] = [f32::INFINITY, f32::NEG_INFINITY].map(|b| Row([b; WIDTH]));
+        let mut node = Node { bounds: [low, low, low, high, high, high], children: [0; WIDTH] };
         self.nodes.push(node);
         for (slot, &source) in group.iter().enumerate() {
             let child = &binary.nodes[source];
-            node.used |= 1 << slot;
             for axis in 0..3 {
-                node.min[axis][slot] = child.aabb.min[axis];
-                node.max[axis][slot] = child.aabb.max[axis];
+                node.bounds[axis].0[slot] = child.aabb.min[axis];
+                node.bounds[axis + 3].0[slot] = child.aabb.max[axis];
             }
             if child.is_leaf() {
                 let first = child.first_index as usize;
@@ -230,8 +238,9 @@ impl Tree {
                 planes: [u32::MAX - 1; 4],
                 flags: [0; 4],
             };
-            for (lane, &primitive) in chunk.iter().enumerate() {
-                let facet = &facets[primitive as usize];
+            // Lanes that are left repeat the first: without area they would ask for the exact edges every time.
+            for lane in 0..4 {
+                let facet = &facets[*chunk.get(lane).unwrap_or(&chunk[0]) as usize];
                 for corner in 0..3 {
                     for axis in 0..3 {
                         packet.corners[corner][axis][lane] = facet.corners[corner][axis];
@@ -250,20 +259,32 @@ impl Tree {
     /// Calls `visit` for every packet whose box is nearer than the limit it returns, nearest boxes first, until
     /// `visit` returns `None`.
     #[inline(always)]
-    fn traverse(&self, probe: &Probe, mut limit: f32, mut visit: impl FnMut(&Packet, f32) -> Option<f32>) {
+    fn traverse<E: Eight>(
+        &self,
+        eight: E,
+        probe: &Probe,
+        mut limit: f32,
+        mut visit: impl FnMut(&Packet, f32) -> Option<f32>,
+    ) {
         if self.nodes.is_empty() {
             return;
         }
-        // (child, entry distance). Depth × 3 entries at most; deeper trees spill to the heap.
+        let slabs = Slabs::new(eight, probe);
+        // (child, entry distance). Depth × 7 entries at most; deeper trees spill to the heap.
         let mut stack = Stack::new();
         let mut current = 0_u32;
         'descend: loop {
             if current & LEAF == 0 {
                 let node = &self.nodes[current as usize];
-                let (entries, mask) = node.enter(probe, limit);
+                let (entries, mask) = slabs.enter(node, limit);
                 if mask != 0 {
+                    if mask & (mask - 1) == 0 {
+                        current = node.children[mask.trailing_zeros() as usize];
+                        continue 'descend;
+                    }
                     // The nearest child goes on, the others wait in order of distance.
-                    let mut order = [(0_u32, 0.0_f32); 4];
+                    let entries = eight.store(entries);
+                    let mut order = [(0_u32, 0.0_f32); WIDTH];
                     let mut count = 0;
                     let mut bits = mask;
                     while bits != 0 {
@@ -313,8 +334,19 @@ impl Tree {
         limit: f32,
         accept: impl Fn(&Nearest) -> bool,
     ) -> Option<Nearest> {
+        at_level!(self.level, eight => self.nearest_by(eight, probe, limit, accept))
+    }
+
+    #[inline(always)]
+    fn nearest_by<E: Eight>(
+        &self,
+        eight: E,
+        probe: &Probe,
+        limit: f32,
+        accept: impl Fn(&Nearest) -> bool,
+    ) -> Option<Nearest> {
         let mut best: Option<Nearest> = None;
-        self.traverse(probe, limit, |packet, limit| {
+        self.traverse(eight, probe, limit, #[inline(always)] |packet, limit| {
             let Some(candidates) = packet.intersect(probe, limit) else { return Some(limit) };
             let mut limit = limit;
             let mut bits = candidates.mask;
@@ -350,7 +382,7 @@ impl Tree {
         accept: impl Fn(&Nearest) -> bool,
     ) -> Option<Nearest> {
         let mut best: Option<Nearest> = None;
-        self.traverse(probe, limit, |packet, limit| {
+        self.traverse(Plain, probe, limit, |packet, limit| {
             let Some(candidates) = packet.intersect(probe, limit) else { return Some(limit) };
             for lane in (0..4).filter(|lane| candidates.mask >> lane & 1 == 1) {
                 let candidate = candidates.hit(lane, packet);
@@ -376,8 +408,19 @@ impl Tree {
         limit: f32,
         accept: impl Fn(&Nearest) -> bool,
     ) -> Occlusion {
+        at_level!(self.level, eight => self.occlusion_by(eight, probe, limit, accept))
+    }
+
+    #[inline(always)]
+    fn occlusion_by<E: Eight>(
+        &self,
+        eight: E,
+        probe: &Probe,
+        limit: f32,
+        accept: impl Fn(&Nearest) -> bool,
+    ) -> Occlusion {
         let mut occlusion = Occlusion::Free;
-        self.traverse(probe, limit, |packet, limit| {
+        self.traverse(eight, probe, limit, #[inline(always)] |packet, limit| {
             let Some(candidates) = packet.intersect(probe, limit) else { return Some(limit) };
             let mut bits = candidates.mask;
             while bits != 0 {
@@ -410,22 +453,46 @@ pub(crate) enum Occlusion {
     Blocked,
 }
 
-impl Node {
+/// A ray among boxes, in registers.
+struct Slabs<'a, E: Eight> {
+    eight: E,
+    probe: &'a Probe,
+    origin: [E::Numbers; 3],
+    inverse: [E::Numbers; 3],
+}
+
+impl<'a, E: Eight> Slabs<'a, E> {
+    #[inline(always)]
+    fn new(eight: E, probe: &'a Probe) -> Self {
+        let (o, d) = (probe.origin, probe.inverse);
+        Self {
+            eight,
+            probe,
+            origin: [eight.splat(o.x), eight.splat(o.y), eight.splat(o.z)],
+            inverse: [eight.splat(d.x), eight.splat(d.y), eight.splat(d.z)],
+        }
+    }
+
+    /// Distances of eight planes across an axis. A scaled origin would lose bits: this subtracts first.
+    #[inline(always)]
+    fn distances(&self, node: &Node, axis: usize, row: usize) -> E::Numbers {
+        let e = self.eight;
+        e.multiply(e.subtract(e.load(&node.bounds[row]), self.origin[axis]), self.inverse[axis])
+    }
+
     /// Entry distances and a mask of the children whose boxes the ray meets before `limit`.
     #[inline(always)]
-    fn enter(&self, probe: &Probe, limit: f32) -> (Vec4, u32) {
-        let slab = |axis: usize| {
-            let low = (self.min[axis] - probe.origin4[axis]) * probe.inverse[axis];
-            let high = (self.max[axis] - probe.origin4[axis]) * probe.inverse[axis];
-            (low.min(high), low.max(high))
-        };
-        let (x0, x1) = slab(0);
-        let (y0, y1) = slab(1);
-        let (z0, z1) = slab(2);
-        let entry = x0.max(y0).max(z0.max(Vec4::ZERO));
+    fn enter(&self, node: &Node, limit: f32) -> (E::Numbers, u32) {
+        let (e, Probe { near, far, .. }) = (self.eight, self.probe);
+        // Spelled out: closures that array functions call would not be compiled for the instruction set.
+        let x = (self.distances(node, 0, near[0]), self.distances(node, 0, far[0]));
+        let y = (self.distances(node, 1, near[1]), self.distances(node, 1, far[1]));
+        let z = (self.distances(node, 2, near[2]), self.distances(node, 2, far[2]));
+        let entry = e.max(e.max(x.0, y.0), e.max(z.0, e.splat(0.0)));
         // Ize 2013: 1 + 2γ₃ makes the exit conservative for any distance.
-        let exit = (x1.min(y1).min(z1) * 1.000_000_5).min(Vec4::splat(limit));
-        (entry, entry.cmple(exit).bitmask() & self.used)
+        let exit = e.multiply(e.min(e.min(x.1, y.1), z.1), e.splat(1.000_000_5));
+        let exit = e.min(exit, e.splat(limit));
+        (entry, e.at_most(entry, exit))
     }
 }
 
@@ -459,7 +526,8 @@ impl Packet {
     #[inline(always)]
     fn intersect(&self, probe: &Probe, limit: f32) -> Option<Candidates> {
         let [x, y, z] = probe.axes;
-        let (ox, oy, oz) = (probe.origin4[x], probe.origin4[y], probe.origin4[z]);
+        let (ox, oy, oz) =
+            (Vec4::splat(probe.origin[x]), Vec4::splat(probe.origin[y]), Vec4::splat(probe.origin[z]));
         let (sx, sy, sz) = (Vec4::splat(probe.shear[0]), Vec4::splat(probe.shear[1]), probe.shear[2]);
         let [a, b, c] = &self.corners;
         let (az, bz, cz) = (a[z] - oz, b[z] - oz, c[z] - oz);
@@ -507,7 +575,7 @@ impl Packet {
 
 /// A small stack that spills to the heap, so that no depth loses a hit.
 struct Stack {
-    near: [(u32, f32); 40],
+    near: [(u32, f32); 24],
     length: usize,
     spill: Vec<(u32, f32)>,
 }
@@ -515,7 +583,7 @@ struct Stack {
 impl Stack {
     #[inline(always)]
     fn new() -> Self {
-        Self { near: [(0, 0.0); 40], length: 0, spill: Vec::new() }
+        Self { near: [(0, 0.0); 24], length: 0, spill: Vec::new() }
     }
 
     #[inline(always)]
