@@ -1,4 +1,4 @@
-//! Same bits: for any number of threads and any order in which the tree is built.
+//! Same bits: for any number of threads, any order in which the tree is built, and any instruction set.
 
 use catoptric_radiosity::{SolveParams, solve};
 use catoptric_render::direct::{DirectLight, ShadowRays};
@@ -90,4 +90,12 @@ fn any_order_of_the_tree_gives_the_same_bytes() {
         let other = picture(&scene, &Tracer::with_order(&scene, &order));
         assert!(plain == other, "the order of the build changes the picture");
     }
+}
+
+#[test]
+fn any_instruction_set_gives_the_same_bytes() {
+    let scene = room();
+    let plain = picture(&scene, &Tracer::new(&scene));
+    let common = picture(&scene, &Tracer::new(&scene).with_common_instructions());
+    assert!(plain == common, "the instructions of this machine change the picture");
 }

@@ -7,8 +7,8 @@ use std::ops::Range;
 
 use glam::{DVec2, DVec3, Vec3, Vec4};
 
-use crate::plane::{Plane, PlaneId};
 use crate::eight::{Eight, at_level};
+use crate::plane::{Plane, PlaneId};
 use crate::tree::{LEAF, Node, Packet, Tree, leaf};
 
 /// Corners of a base, at most.

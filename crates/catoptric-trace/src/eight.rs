@@ -60,7 +60,11 @@ macro_rules! at_level {
                 $work
             }
             #[cfg(target_arch = "x86_64")]
-            $crate::eight::Level::Avx2($name) => $crate::eight::Eight::run($name, #[inline(always)] || $work),
+            $crate::eight::Level::Avx2($name) => $crate::eight::Eight::run(
+                $name,
+                #[inline(always)]
+                || $work,
+            ),
         }
     };
 }

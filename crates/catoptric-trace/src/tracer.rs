@@ -7,6 +7,7 @@ use glam::Vec3;
 use catoptric_scene::{AlphaMode, Barycentric, Rgb, Scene, Transmission, TriangleId};
 
 use crate::beam::Pyramid;
+use crate::eight::Level;
 use crate::fresnel::{self, DiffuseFresnel};
 use crate::medium::Media;
 use crate::plane::{PlaneId, Planes};
@@ -154,6 +155,13 @@ impl<'a> Tracer<'a> {
             center: center.as_vec3(),
             diagonal: diagonal as f32,
         }
+    }
+
+    /// The same, with instructions that every machine has. No answer differs.
+    #[must_use]
+    pub fn with_common_instructions(mut self) -> Self {
+        self.tree.level = Level::Plain;
+        self
     }
 
     /// The scene.

@@ -346,30 +346,36 @@ impl Tree {
         accept: impl Fn(&Nearest) -> bool,
     ) -> Option<Nearest> {
         let mut best: Option<Nearest> = None;
-        self.traverse(eight, probe, limit, #[inline(always)] |packet, limit| {
-            let Some(candidates) = packet.intersect(probe, limit) else { return Some(limit) };
-            let mut limit = limit;
-            let mut bits = candidates.mask;
-            while bits != 0 {
-                let lane = bits.trailing_zeros() as usize;
-                bits &= bits - 1;
-                let id = packet.ids[lane];
-                let t = candidates.t[lane];
-                let nearer = match &best {
-                    None => t <= limit,
-                    Some(best) => t < best.t || (t == best.t && id < best.id),
-                };
-                if !nearer || probe.ignore.contains(&packet.planes[lane]) {
-                    continue;
+        self.traverse(
+            eight,
+            probe,
+            limit,
+            #[inline(always)]
+            |packet, limit| {
+                let Some(candidates) = packet.intersect(probe, limit) else { return Some(limit) };
+                let mut limit = limit;
+                let mut bits = candidates.mask;
+                while bits != 0 {
+                    let lane = bits.trailing_zeros() as usize;
+                    bits &= bits - 1;
+                    let id = packet.ids[lane];
+                    let t = candidates.t[lane];
+                    let nearer = match &best {
+                        None => t <= limit,
+                        Some(best) => t < best.t || (t == best.t && id < best.id),
+                    };
+                    if !nearer || probe.ignore.contains(&packet.planes[lane]) {
+                        continue;
+                    }
+                    let candidate = candidates.hit(lane, packet);
+                    if packet.flags[lane] & CUT_OUT == 0 || accept(&candidate) {
+                        limit = t;
+                        best = Some(candidate);
+                    }
                 }
-                let candidate = candidates.hit(lane, packet);
-                if packet.flags[lane] & CUT_OUT == 0 || accept(&candidate) {
-                    limit = t;
-                    best = Some(candidate);
-                }
-            }
-            Some(limit)
-        });
+                Some(limit)
+            },
+        );
         best
     }
 
@@ -420,27 +426,33 @@ impl Tree {
         accept: impl Fn(&Nearest) -> bool,
     ) -> Occlusion {
         let mut occlusion = Occlusion::Free;
-        self.traverse(eight, probe, limit, #[inline(always)] |packet, limit| {
-            let Some(candidates) = packet.intersect(probe, limit) else { return Some(limit) };
-            let mut bits = candidates.mask;
-            while bits != 0 {
-                let lane = bits.trailing_zeros() as usize;
-                bits &= bits - 1;
-                if candidates.t[lane] >= limit || probe.ignore.contains(&packet.planes[lane]) {
-                    continue;
+        self.traverse(
+            eight,
+            probe,
+            limit,
+            #[inline(always)]
+            |packet, limit| {
+                let Some(candidates) = packet.intersect(probe, limit) else { return Some(limit) };
+                let mut bits = candidates.mask;
+                while bits != 0 {
+                    let lane = bits.trailing_zeros() as usize;
+                    bits &= bits - 1;
+                    if candidates.t[lane] >= limit || probe.ignore.contains(&packet.planes[lane]) {
+                        continue;
+                    }
+                    if packet.flags[lane] & CUT_OUT != 0 && !accept(&candidates.hit(lane, packet)) {
+                        continue;
+                    }
+                    if packet.flags[lane] & PASSES != 0 {
+                        occlusion = Occlusion::Passing;
+                    } else {
+                        occlusion = Occlusion::Blocked;
+                        return None;
+                    }
                 }
-                if packet.flags[lane] & CUT_OUT != 0 && !accept(&candidates.hit(lane, packet)) {
-                    continue;
-                }
-                if packet.flags[lane] & PASSES != 0 {
-                    occlusion = Occlusion::Passing;
-                } else {
-                    occlusion = Occlusion::Blocked;
-                    return None;
-                }
-            }
-            Some(limit)
-        });
+                Some(limit)
+            },
+        );
         occlusion
     }
 }
