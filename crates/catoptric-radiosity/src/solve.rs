@@ -21,7 +21,7 @@ use crate::method::ElementSet;
 use crate::near::{Near, NearParams};
 use crate::patch::{PatchId, PatchMesh};
 use crate::reconstruct::{Cells, Reconstruction, unshared};
-use crate::refine::{Field, RefineParams, Values, refine};
+use crate::refine::{Field, RefineParams, Values, mean, refine};
 use crate::rows::{PatchLocator, Row, rows};
 use crate::sharing::Sharing;
 use crate::solver::{SolverParams, Stop};
@@ -41,7 +41,8 @@ pub struct SolveParams {
     pub sources: RefineParams,
     /// Shadow rays per vertex.
     pub shadow_rays: u32,
-    /// Points inside an element at which the light of sources is sampled for the fit, and shadow rays at each.
+    /// Points inside an element of uneven light at which that of sources is sampled for the fit, besides the middles of
+    /// edges.
     pub fit_points: u32,
     /// Shadow rays at each of them.
     pub fit_rays: u32,
@@ -94,7 +95,7 @@ impl SolveParams {
                 min_edge: 0.0,
             },
             shadow_rays,
-            fit_points: 2,
+            fit_points: if quality == Quality::High { 2 } else { 1 },
             fit_rays: shadow_rays,
             fit: FitParams::default(),
             row_rays,
@@ -171,7 +172,11 @@ struct SourceLight {
 
 impl SourceLight {
     fn sum(&self) -> Rgb {
-        self.direct + self.mirrored + self.punctual
+        self.area_sources() + self.punctual
+    }
+
+    fn area_sources(&self) -> Rgb {
+        self.direct + self.mirrored
     }
 }
 
@@ -223,6 +228,8 @@ const INSIDE_EDGE: f32 = 0.25;
 const SOURCE_CELL: f32 = 0.25;
 /// … and gathers in cubes of this.
 const GATHER_CELL: f32 = 0.125;
+/// Relative difference between the least and the most light around an element below which its edges tell enough.
+const EVEN: f32 = 0.2;
 /// Groups that share, per vertex of the budget, at most.
 const SHARED_PER_VERTEX: usize = 4;
 
@@ -268,7 +275,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     } else {
         values.values.resize(base_vertices, Rgb::ZERO);
     }
-    let mut sources = collect(&field, draft.vertices.len());
+    let (mut sources, asked) = collect(&field, draft.vertices.len());
     values.sharing.fill(&mut sources, |parts| {
         parts.fold(SourceLight::default(), |sum, (light, weight)| SourceLight {
             direct: sum.direct + light.direct * weight,
@@ -279,7 +286,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     });
     let displayed = draft.display(tracer);
     let hidden = near.hidden_vertices(&draft);
-    fit_sources(&lights, &draft, &displayed, &hidden, &mut sources, params, spacing, progress)?;
+    fit_sources(&lights, &draft, &displayed, &hidden, &asked, &mut sources, params, spacing, progress)?;
     for &v in &displayed.origin {
         values.values[v as usize] = sources[v as usize].sum();
     }
@@ -397,12 +404,13 @@ fn fit_sources(
     draft: &Draft,
     displayed: &Displayed,
     hidden: &[bool],
+    asked: &[bool],
     sources: &mut [SourceLight],
     params: &SolveParams,
     spacing: f32,
     progress: &dyn Progress,
 ) -> Result<(), Cancelled> {
-    if !lights.has_sources() || params.fit_points == 0 {
+    if !lights.has_sources() {
         return Ok(());
     }
     let tracer = lights.tracer();
@@ -412,23 +420,45 @@ fn fit_sources(
     // are small because light varies there, get all.
     let whole = 0.5 * spacing * spacing;
     let level_of: Vec<u8> = displayed.leaves.iter().map(|&l| draft.leaves[l as usize].level).collect();
-    let samples: Vec<FitSample> = (0..mesh.elements.len() as u32)
-        .flat_map(|element| {
-            let area = mesh.area(element);
-            let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(element));
-            let expected = params.fit_points as f32 * (area / whole).min(1.0);
-            let count = if level_of[element as usize] > 0 {
-                params.fit_points
-            } else {
-                (expected + key.uniform(0)).floor() as u32
-            };
-            (0..count).map(move |index| {
-                let weights = drawn_inside(triangle_point(key.point2(index)));
-                FitSample { element, weights, area: area / count as f32 }
-            })
-        })
-        .collect();
-    let found: Vec<(Rgb, Rgb)> = samples
+    let sums: Vec<Rgb> = sources.iter().map(SourceLight::sum).collect();
+    let floor = (params.sources.floor * mean(draft, &sums)).max(f32::MIN_POSITIVE);
+    let mut samples: Vec<FitSample> = Vec::new();
+    // The middles of edges that refinement has looked at and left whole are samples already: with their three middles,
+    // elements know all quadratic light (the midpoint rule). Where light is uneven, points inside are asked besides.
+    let mut middles: Vec<(FitSample, u32)> = Vec::new();
+    for element in 0..mesh.elements.len() as u32 {
+        let corners = mesh.elements[element as usize].vertices.map(|v| displayed.origin[v as usize]);
+        let area = mesh.area(element);
+        let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(element));
+        let expected = params.fit_points as f32 * (area / whole).min(1.0);
+        let count = if level_of[element as usize] > 0 {
+            params.fit_points
+        } else {
+            (expected + key.uniform(0)).floor() as u32
+        };
+        let first = middles.len();
+        let (mut least, mut most) = (Rgb::INFINITY, Rgb::ZERO);
+        for (k, &corner) in corners.iter().enumerate() {
+            let middle = draft.known_midpoint(corner, corners[(k + 1) % 3]).filter(|&m| asked[m as usize]);
+            for light in
+                [Some(corner), middle].into_iter().flatten().map(|v| sources[v as usize].area_sources())
+            {
+                (least, most) = (least.min(light), most.max(light));
+            }
+            let mut weights = [0.5; 3];
+            weights[(k + 2) % 3] = 0.0;
+            middles.extend(middle.map(|m| (FitSample { element, weights, area }, m)));
+        }
+        let even = ((most - least) / (0.5 * (most + least) + Rgb::splat(floor))).max_element() < EVEN;
+        let count = if even && middles.len() == first + 3 { 0 } else { count };
+        let share = area / (count as usize + middles.len() - first).max(1) as f32;
+        middles[first..].iter_mut().for_each(|m| m.0.area = share);
+        samples.extend((0..count).map(|index| {
+            let weights = drawn_inside(triangle_point(key.point2(index)));
+            FitSample { element, weights, area: share }
+        }));
+    }
+    let mut found: Vec<(Rgb, Rgb)> = samples
         .par_iter()
         .enumerate()
         .with_min_len(32)
@@ -443,6 +473,8 @@ fn fit_sources(
             (direct, mirrored)
         })
         .collect();
+    samples.extend(middles.iter().map(|m| m.0));
+    found.extend(middles.iter().map(|m| (sources[m.1 as usize].direct, sources[m.1 as usize].mirrored)));
     if progress.is_cancelled() {
         return Err(Cancelled);
     }
@@ -487,15 +519,17 @@ fn spacing(tracer: &Tracer, count: usize) -> f32 {
     ((2.0 * area / count.max(1) as f64).sqrt() as f32).max(f32::MIN_POSITIVE)
 }
 
-/// What the field found, by vertex.
-fn collect(field: &SourceField, count: usize) -> Vec<SourceLight> {
+/// What the field found, by vertex, and which vertices it was asked for.
+fn collect(field: &SourceField, count: usize) -> (Vec<SourceLight>, Vec<bool>) {
     let mut known = vec![SourceLight::default(); count];
+    let mut asked = vec![false; count];
     if let Ok(mut found) = field.found.lock() {
         for (vertex, light) in found.drain(..) {
             known[vertex as usize] = light;
+            asked[vertex as usize] = true;
         }
     }
-    known
+    (known, asked)
 }
 
 /// Mean irradiance of sources on each patch.

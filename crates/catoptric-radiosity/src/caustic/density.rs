@@ -7,9 +7,8 @@
 //! A triangle is split where that explains more than noise: P_c − Q_c, what its parts got less what the interpolated
 //! values say, is compared with its variance Σ w², the estimate for independent rays.
 
-use std::collections::HashMap;
-
 use rayon::prelude::*;
+use rustc_hash::FxHashMap;
 
 use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::Tracer;
@@ -55,7 +54,7 @@ struct Known {
 }
 
 /// Known leaves by code, level and halved edge.
-type Memory = HashMap<(u64, u32, Option<usize>), Known>;
+type Memory = FxHashMap<(u64, u32, Option<usize>), Known>;
 
 /// Irradiance at the draft's vertices with the power of the deposits; zero where no leaf has the vertex.
 pub(super) fn project(draft: &Draft, deposits: &Deposits, sharpening: u32) -> Vec<Rgb> {

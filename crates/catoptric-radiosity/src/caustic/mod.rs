@@ -46,7 +46,7 @@ impl CausticParams {
     pub fn for_quality(quality: Quality) -> Self {
         let (max_rays, max_vertices, noise) = match quality {
             Quality::Draft => (1 << 17, 4_000, 0.06),
-            Quality::Standard => (1 << 20, 20_000, 0.035),
+            Quality::Standard => (1 << 20, 20_000, 0.039),
             Quality::High => (1 << 23, 200_000, 0.012),
         };
         Self {
