@@ -1,0 +1,232 @@
+//! What a receiver sees of the emitters: pieces of cells and outlines of lamps, clipped to its horizon and to the mirrors'
+//! windows, and groups of cells that are small, or too many.
+
+use std::ops::Range;
+
+use glam::DVec3;
+
+use catoptric_scene::Rgb;
+use catoptric_trace::plane::Plane;
+
+use crate::chains::Unfolded;
+use crate::contour::{self, Polygon};
+use crate::emitter::Emitters;
+use crate::lamp::{Beyond, Outline, Sight};
+use crate::light_tree::{Cut, Part, Windows};
+
+use super::{Lights, Standpoint};
+
+/// A visible part of a cell.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece {
+    pub polygon: Polygon,
+    pub cell: u32,
+    /// All of the cell.
+    pub whole: bool,
+    /// Irradiance by unit radiance.
+    pub unit: f64,
+    /// By its radiance, the sum of channels.
+    pub weight: f64,
+}
+
+impl Piece {
+    /// What it sends if nothing blocks.
+    pub(super) fn irradiance(&self, emitters: &Emitters) -> Rgb {
+        emitters.cells()[self.cell as usize].radiance * self.unit as f32
+    }
+}
+
+/// A visible part of a lamp.
+#[derive(Clone, Debug)]
+pub(super) struct LampPart {
+    pub lamp: u32,
+    /// Where its corners lie in [`Found::corners`].
+    pub corners: Range<usize>,
+    /// Unit normal of the outline's plane, away from the receiver.
+    pub axis: DVec3,
+    /// Irradiance by unit radiance.
+    pub unit: f64,
+    /// By its radiance, the sum of channels.
+    pub weight: f64,
+}
+
+/// What one receiver sees of the emitters.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Found {
+    pub lamps: Vec<LampPart>,
+    /// Of the lamps.
+    pub corners: Vec<DVec3>,
+    /// Parts of cells, known exactly.
+    pub pieces: Vec<Piece>,
+    /// Small and far groups with their irradiance.
+    pub small: Vec<(u32, f64)>,
+    /// Groups beyond the budget with the bound of their irradiance.
+    pub loose: Vec<(u32, f64)>,
+    pub windows: Windows,
+}
+
+impl Found {
+    /// So few that each gets strata of its own.
+    pub(super) fn is_few(&self) -> bool {
+        self.lamps.len() + self.pieces.len() + self.small.len() + self.loose.len() <= 4
+    }
+
+    /// Irradiance of the groups, the sum of channels.
+    pub(super) fn groups(&self) -> f64 {
+        self.small.iter().chain(&self.loose).map(|s| s.1).sum()
+    }
+
+    /// Irradiance of all, the sum of channels.
+    pub(super) fn weight(&self) -> f64 {
+        self.lamps.iter().map(|l| l.weight).sum::<f64>()
+            + self.pieces.iter().map(|p| p.weight).sum::<f64>()
+            + self.groups()
+    }
+}
+
+/// Buffers of the search.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Seeker {
+    cut: Cut,
+    outline: Outline,
+    spare: [Vec<DVec3>; 2],
+}
+
+/// Parts that the emitters are cut into for one receiver, at least.
+const PARTS: usize = 48;
+/// And more the more samples are taken, so that the cut never costs much beside the shadow rays.
+const PARTS_PER_SAMPLE: usize = 2;
+
+impl Lights<'_> {
+    /// Finds the parts of the emitters that may be seen, clipped to horizon and windows.
+    pub(super) fn gather(&self, at: Standpoint, samples: u32, found: &mut Found, seeker: &mut Seeker) {
+        self.gather_lamps(at, found, seeker);
+        let (image, cut) = (at.image, &mut seeker.cut);
+        let Found { pieces, small, loose, windows, .. } = found;
+        small.clear();
+        loose.clear();
+        let budget = PARTS + PARTS_PER_SAMPLE * samples as usize;
+        self.emitters.tree().cut(self.emitters.cells(), &image.view(windows), budget, cut);
+        for part in cut.parts() {
+            match part {
+                Part::Group(group) => {
+                    let irradiance = self.emitters.tree().irradiance(group, image.position, image.normal);
+                    if irradiance.max_element() > 0.0 {
+                        small.push((group, f64::from(irradiance.element_sum())));
+                    }
+                }
+                Part::Loose(group, bound) => loose.push((group, bound)),
+                Part::Cell(index) => self.pieces_of(index, image, windows, |piece| pieces.push(piece)),
+            }
+        }
+    }
+
+    /// The windows, and the parts of the lamps that the receiver may see; those that are too near, by their cells.
+    fn gather_lamps(&self, at: Standpoint, found: &mut Found, seeker: &mut Seeker) {
+        let Found { pieces, windows, lamps, corners, .. } = found;
+        let Seeker { outline, spare: [part, spare], .. } = seeker;
+        let image = at.image;
+        pieces.clear();
+        lamps.clear();
+        corners.clear();
+        windows.clear();
+        for outlines in at.chain.iter().flat_map(|c| &c.windows) {
+            windows.add(image.position, outlines);
+        }
+        let horizon = image.geometric.dot(image.position);
+        for (index, lamp) in self.emitters.lamps().iter().enumerate() {
+            if !lamp.may_be_seen(image.position, windows) {
+                continue;
+            }
+            let sight = match lamp.beyond(image.beyond) {
+                Beyond::No => Sight::Hidden,
+                Beyond::Partly => Sight::Facets,
+                Beyond::Wholly => lamp.outline(image.position, image.geometric, image.last, outline),
+            };
+            match sight {
+                Sight::Hidden => {}
+                Sight::Facets => {
+                    for cell in lamp.cells.clone() {
+                        if self.emitters.cells()[cell as usize].faces(image.position) {
+                            self.pieces_of(cell, image, windows, |piece| pieces.push(piece));
+                        }
+                    }
+                }
+                Sight::Outline => {
+                    contour::cut(&mut outline.corners, image.geometric, horizon, spare);
+                    let axis = outline.axis;
+                    let mut add = |seen: &[DVec3], spare: &mut Vec<DVec3>| {
+                        let unit = contour::irradiance_of(image.position, image.normal, seen, spare);
+                        if unit > 0.0 {
+                            let weight = unit * f64::from(lamp.radiance.element_sum());
+                            let start = corners.len();
+                            corners.extend(seen);
+                            let range = start..corners.len();
+                            lamps.push(LampPart { lamp: index as u32, corners: range, axis, unit, weight });
+                        }
+                    };
+                    if windows.is_empty() {
+                        add(&outline.corners, spare);
+                    }
+                    for window in windows.iter() {
+                        part.clone_from(&outline.corners);
+                        for normal in window {
+                            contour::cut(part, *normal, normal.dot(image.position), spare);
+                        }
+                        add(part, spare);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The parts of a cell above the horizon, one for each window that shows some.
+    pub(super) fn pieces_of(
+        &self,
+        index: u32,
+        image: &Unfolded,
+        windows: &Windows,
+        mut visit: impl FnMut(Piece),
+    ) {
+        let cell = &self.emitters.cells()[index as usize];
+        if cell.plane == image.last {
+            return;
+        }
+        let mut add = |polygon: Polygon, whole: bool| {
+            let unit = cell.unit_irradiance(image.position, image.normal, &polygon);
+            if unit > 0.0 {
+                let weight = unit * f64::from(cell.radiance.element_sum());
+                let (polygon, whole) = if cell.lobe.exponent() > 1.0 {
+                    (cell.lit_part(image.position, polygon), false)
+                } else {
+                    (polygon, whole)
+                };
+                visit(Piece { polygon, cell: index, whole, unit, weight });
+            }
+        };
+        let outline = cell.polygon();
+        let mut horizon = outline.clipped(image.geometric, image.geometric.dot(image.position));
+        // What lies between the receiver's image and the last mirror is not before that mirror.
+        if let Some(Plane { normal, offset }) = image.beyond {
+            horizon = horizon.clipped(normal, offset);
+        }
+        if horizon.is_empty() {
+            return;
+        }
+        if windows.is_empty() {
+            add(horizon, horizon.corners() == outline.corners());
+        }
+        for window in windows.iter() {
+            let mut polygon = horizon;
+            for normal in window {
+                polygon = polygon.clipped(*normal, normal.dot(image.position));
+                if polygon.is_empty() {
+                    break;
+                }
+            }
+            if !polygon.is_empty() {
+                add(polygon, false);
+            }
+        }
+    }
+}

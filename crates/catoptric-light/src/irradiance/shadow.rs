@@ -1,0 +1,436 @@
+//! How much of the sources' light arrives: shadow rays, stratified over each large part and shared among the small ones,
+//! and none where the pyramid before a part is empty.
+
+use std::ops::Range;
+
+use glam::DVec3;
+
+use catoptric_scene::{Rgb, Sky};
+use catoptric_trace::beam::{Base, End, Pyramid};
+use catoptric_trace::sequence::Key;
+use catoptric_trace::{PlaneId, walk};
+
+use crate::chains::Unfolded;
+use crate::contour;
+use crate::emitter::{Cell, Emitters};
+use crate::light_tree::Windows;
+use crate::receiver::Receiver;
+
+use super::seen::{Found, LampPart, Piece};
+use super::{Lights, Scratch, SourceIrradiance, Standpoint};
+
+/// What shadow rays go to.
+#[derive(Clone, Copy)]
+enum Goal<'a> {
+    /// A point in a plane.
+    Plane(PlaneId),
+    /// The first of some triangles that they meet.
+    Triangles(&'a Range<u32>),
+}
+
+/// What gets strata of its own.
+#[derive(Clone, Copy)]
+pub(super) struct Target<'a> {
+    radiance: Rgb,
+    /// Irradiance by unit radiance.
+    unit: f64,
+    /// Unit normal of its plane, away from the receiver.
+    axis: DVec3,
+    corners: &'a [DVec3],
+    to: Goal<'a>,
+    /// Whose lobe and texture it has; a lamp has neither.
+    cell: Option<&'a Cell>,
+    /// The cell that it is all of.
+    whole: Option<&'a Cell>,
+}
+
+impl<'a> Target<'a> {
+    /// A piece of a cell.
+    pub(super) fn piece(piece: &'a Piece, emitters: &'a Emitters) -> Self {
+        let cell = &emitters.cells()[piece.cell as usize];
+        Self {
+            radiance: cell.radiance,
+            unit: piece.unit,
+            axis: -cell.normal,
+            corners: piece.polygon.corners(),
+            to: Goal::Plane(cell.plane),
+            cell: Some(cell),
+            whole: piece.whole.then_some(cell),
+        }
+    }
+
+    /// A lamp, or what is seen of it.
+    pub(super) fn lamp(part: &LampPart, corners: &'a [DVec3], emitters: &'a Emitters) -> Self {
+        let lamp = &emitters.lamps()[part.lamp as usize];
+        Self {
+            radiance: lamp.radiance,
+            unit: part.unit,
+            axis: part.axis,
+            corners: &corners[part.corners.clone()],
+            to: Goal::Triangles(&lamp.triangles),
+            cell: None,
+            whole: None,
+        }
+    }
+
+    /// What it sends if nothing blocks.
+    pub(super) fn irradiance(&self) -> Rgb {
+        self.radiance * self.unit as f32
+    }
+
+    /// The point of unit-square coordinates (u, v), uniform by area.
+    fn point(&self, u: f64, v: f64) -> DVec3 {
+        self.whole.map_or_else(|| contour::point_in(self.corners, u, v), |cell| cell.point(u, v))
+    }
+}
+
+/// What shares its samples with others.
+#[derive(Clone, Copy)]
+enum Shared<'a> {
+    Piece(&'a Piece),
+    Small(u32),
+    Loose(u32),
+}
+
+/// Samples of a smooth integrand, where nothing blocks: Fresnel's reflectance of mirrors, the transmittance of a medium.
+const FREE_SAMPLES: u32 = 4;
+/// Places in a small piece of a lobe that are weighed for one shadow ray.
+const PLACES: u32 = 8;
+
+impl Lights<'_> {
+    /// Throughput from the receiver to a point of a source.
+    #[inline]
+    fn throughput(
+        &self,
+        at: Standpoint,
+        light: DVec3,
+        to: Goal,
+        distance: f64,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> Rgb {
+        scratch.rays += 1;
+        let Standpoint { receiver, chain, .. } = at;
+        let (position, plane) = (receiver.position, receiver.plane);
+        if let Some(chain) = chain {
+            self.chains.targets(chain, light, &mut scratch.targets);
+        }
+        let share = match (chain, to) {
+            (None, Goal::Plane(to)) => self.tracer.visibility(position, plane, light.as_vec3(), to),
+            (None, Goal::Triangles(lamp)) => {
+                self.tracer.reaches(position, plane, light.as_vec3() - position, lamp)
+            }
+            (Some(chain), Goal::Plane(to)) => {
+                walk::follow(self.tracer, position, plane, &chain.planes, &scratch.targets, to)
+            }
+            (Some(chain), Goal::Triangles(lamp)) => {
+                match walk::over_mirrors(self.tracer, position, plane, &chain.planes, &scratch.targets) {
+                    Some(left) => {
+                        let direction = left.target - left.origin;
+                        left.throughput * self.tracer.reaches(left.origin, left.from, direction, lamp)
+                    }
+                    None => Rgb::ZERO,
+                }
+            }
+        };
+        tally.count(share);
+        share * self.tracer.media().transmittance(receiver.media.current(), distance as f32)
+    }
+
+    /// Whether all shadow rays to a polygon, over the mirrors of a chain, are certain to arrive.
+    fn is_free(&self, at: Standpoint, base: &[DVec3], to: Goal) -> bool {
+        let Some(base) = Base::around(base) else { return false };
+        let (goal, lamp) = match to {
+            Goal::Plane(plane) => (plane, 0..0),
+            Goal::Triangles(lamp) => (PlaneId::NONE, lamp.clone()),
+        };
+        let receiver = at.receiver;
+        let position = receiver.position.as_dvec3();
+        let mut near = End::new(position, receiver.geometric.as_dvec3(), receiver.plane);
+        let mut eye = position;
+        for (chain, level) in at.chain.iter().flat_map(|c| (0..c.planes.len()).map(move |level| (c, level))) {
+            // Up to each mirror, towards the image of the light behind it.
+            let Some((mirrors, id)) = chain.mirrors_from(level) else { return false };
+            let image = mirrors.iter().rev().fold(base, |base, plane| base.reflected(plane));
+            let far = End::mirror(&mirrors[0], id, eye);
+            let pyramid = Pyramid::new(eye, &image, near, far, 0..0);
+            if !pyramid.is_some_and(|p| self.tracer.is_empty_in(&p)) {
+                return false;
+            }
+            eye = mirrors[0].reflect_point(eye);
+            near = End::mirror(&mirrors[0], id, image.reflected(&mirrors[0]).corners()[0]);
+        }
+        let Some(far) = End::behind(&base, eye, goal) else { return false };
+        Pyramid::new(eye, &base, near, far, lamp).is_some_and(|p| self.tracer.is_empty_in(&p))
+    }
+
+    /// Whether light that nothing blocks arrives as the contour formula says: no coat, and nothing that absorbs.
+    fn is_plain(&self, receiver: &Receiver) -> bool {
+        receiver.coat.is_none()
+            && self.tracer.media().transmittance(receiver.media.current(), self.far) == Rgb::ONE
+    }
+
+    /// Irradiance by one target, by `count` stratified shadow rays.
+    pub(super) fn strata(
+        &self,
+        at: Standpoint,
+        target: &Target,
+        count: u32,
+        key: Key,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> Rgb {
+        let Standpoint { receiver, chain, image } = at;
+        let textured = target.cell.filter(|cell| cell.textured);
+        let lobed = target.cell.filter(|cell| !cell.lobe.is_diffuse());
+        let free = count > 1 && self.is_free(at, target.corners, target.to);
+        if free && chain.is_none() && textured.is_none() && self.is_plain(receiver) {
+            tally.count(Rgb::ONE);
+            return target.irradiance();
+        }
+        let count = if free && textured.is_none() { count.min(FREE_SAMPLES) } else { count };
+        let mut weights = 0.0_f64;
+        let mut sum = DVec3::ZERO;
+        for index in 0..count {
+            let s = key.point2(index).as_dvec2();
+            let light = target.point(s.x, s.y);
+            let offset = light - image.position;
+            let r2 = offset.length_squared();
+            let distance = r2.sqrt();
+            let cos = image.normal.dot(offset);
+            let leaves = target.axis.dot(offset);
+            let mut weight = (cos * leaves).max(0.0) / (r2 * r2).max(1e-300);
+            if let Some(cell) = lobed {
+                weight *= cell.lobe.factor(leaves / distance);
+            }
+            if weight <= 0.0 {
+                continue;
+            }
+            weights += weight;
+            let mut share = if free && chain.is_none() {
+                self.tracer.media().transmittance(receiver.media.current(), distance as f32)
+            } else {
+                self.throughput(at, light, target.to, distance, scratch, tally)
+            };
+            if share == Rgb::ZERO {
+                continue;
+            }
+            if let Some(cell) = textured {
+                share *= cell.radiance_at(self.tracer, light) / cell.radiance.max(Rgb::splat(1e-30));
+            }
+            share *= receiver.coat.transmittance((cos / distance) as f32);
+            sum += share.as_dvec3() * weight;
+        }
+        if weights <= 0.0 {
+            return Rgb::ZERO;
+        }
+        target.radiance * ((sum / weights) * target.unit).as_vec3()
+    }
+
+    /// All small pieces and groups together: systematic samples in proportion to their weights.
+    pub(super) fn shared(
+        &self,
+        at: Standpoint,
+        found: &Found,
+        (total, share, samples): (f64, f64, u32),
+        key: Key,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> SourceIrradiance {
+        let (receiver, image) = (at.receiver, at.image);
+        let mut result = SourceIrradiance::default();
+        let count = ((total * share).ceil() as u32).clamp(4.min(samples.max(1)), samples.max(1));
+        let step = total / f64::from(count);
+        let key = key.child(0xffff);
+        let mut next = f64::from(key.uniform(0)) * step;
+        let mut position = 0.0;
+        let mut drawn = 0;
+        let few = found.is_few();
+        let shares = |p: &Piece| p.weight * share < 1.5 && !few;
+        let pieces = found.pieces.iter().filter(|p| shares(p)).map(|p| (Shared::Piece(p), p.weight));
+        let small = found.small.iter().map(|s| (Shared::Small(s.0), s.1));
+        let loose = found.loose.iter().map(|s| (Shared::Loose(s.0), s.1));
+        for (which, weight) in pieces.chain(small).chain(loose) {
+            let known = match which {
+                Shared::Small(group) => self.emitters.tree().irradiance(group, image.position, image.normal),
+                Shared::Piece(piece) => piece.irradiance(&self.emitters),
+                Shared::Loose(_) => Rgb::ZERO,
+            };
+            result.unoccluded += known;
+            while next < position + weight && drawn < count {
+                let inner = ((next - position) / weight).clamp(0.0, 1.0 - 1e-12);
+                let sampled = self.sample(which, known, image, &found.windows, inner, key, drawn + 1);
+                next += step;
+                drawn += 1;
+                let Some((index, light, whole)) = sampled else { continue };
+                let cell = &self.emitters.cells()[index as usize];
+                // Each sample stands for an equal share of the weight.
+                let mut each = whole * (step / weight) as f32;
+                if let Shared::Loose(_) = which {
+                    result.unoccluded += each;
+                }
+                let offset = light - image.position;
+                let distance = offset.length();
+                let cos = (image.normal.dot(offset) / distance) as f32;
+                if cell.textured {
+                    each *= cell.radiance_at(self.tracer, light) / cell.radiance.max(Rgb::splat(1e-30));
+                }
+                let seen = self.throughput(at, light, Goal::Plane(cell.plane), distance, scratch, tally);
+                result.irradiance += each * seen * receiver.coat.transmittance(cos);
+            }
+            position += weight;
+        }
+        result
+    }
+
+    /// A point of what is shared: its cell, the point, and the irradiance of the whole (`known`, or by this sample).
+    fn sample(
+        &self,
+        which: Shared,
+        known: Rgb,
+        image: &Unfolded,
+        windows: &Windows,
+        inner: f64,
+        key: Key,
+        number: u32,
+    ) -> Option<(u32, DVec3, Rgb)> {
+        let other = f64::from(key.point1(number));
+        let tree = self.emitters.tree();
+        match which {
+            Shared::Piece(piece) => {
+                let light = self.place(piece, image, (inner, other), key.child(number));
+                Some((piece.cell, light, known))
+            }
+            Shared::Small(group) => {
+                let (index, rest) = tree.choose(group, inner);
+                Some((index, self.emitters.cells()[index as usize].point(rest, other), known))
+            }
+            Shared::Loose(group) => {
+                let (index, probability, rest) = tree.draw(group, &image.view(windows), inner)?;
+                // Of the parts of the cell, seen through several windows, one in proportion.
+                let mut chosen: Option<Piece> = None;
+                let (mut total, mut count) = (0.0, 0);
+                let key = key.child(number);
+                let cell = &self.emitters.cells()[index as usize];
+                if cell.faces(image.position) {
+                    self.pieces_of(index, image, windows, |piece| {
+                        total += piece.unit;
+                        count += 1;
+                        if f64::from(key.uniform(count)) * total < piece.unit {
+                            chosen = Some(piece);
+                        }
+                    });
+                }
+                let light = self.place(&chosen?, image, (rest, other), key.child(0));
+                Some((index, light, cell.radiance * (total / probability) as f32))
+            }
+        }
+    }
+
+    /// A point of a piece for what shares its samples. Small pieces that are diffuse send about the same from
+    /// everywhere; of a lobe, however small the piece, one of some places is taken in proportion to what it sends, so
+    /// that the piece's irradiance is exact where nothing blocks.
+    fn place(&self, piece: &Piece, image: &Unfolded, (u, v): (f64, f64), key: Key) -> DVec3 {
+        let cell = &self.emitters.cells()[piece.cell as usize];
+        if cell.lobe.is_diffuse() {
+            piece.polygon.point(u, v)
+        } else {
+            place_in_lobe(cell, piece, image, (u, v), key)
+        }
+    }
+
+    /// Bright texels of the sky, by systematic samples in proportion to what they send.
+    pub(super) fn bright_part(
+        &self,
+        at: Standpoint,
+        samples: u32,
+        key: Key,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> SourceIrradiance {
+        let (receiver, image) = (at.receiver, at.image);
+        let mut result = SourceIrradiance::default();
+        let Some(Sky::Image(map)) = self.tracer.scene().sky() else { return result };
+        let mut texels = std::mem::take(&mut scratch.texels);
+        texels.clear();
+        let mut total = 0.0_f64;
+        for (index, texel) in self.bright.texels().iter().enumerate() {
+            let direction = texel.direction.as_dvec3();
+            let cos = image.normal.dot(direction);
+            if cos > 0.0 && image.geometric.dot(direction) > 0.0 {
+                let weight = texel.power.element_sum() * cos as f32;
+                total += f64::from(weight);
+                texels.push((index as u32, weight));
+                result.unoccluded += texel.power * cos as f32;
+            }
+        }
+        let count = samples.max(1);
+        let step = total / f64::from(count);
+        let key = key.child(0xfffe);
+        let mut next = f64::from(key.uniform(0)) * step;
+        let mut position = 0.0;
+        let mut drawn = 0;
+        for &(index, weight) in &texels {
+            let weight = f64::from(weight);
+            let texel = &self.bright.texels()[index as usize];
+            while next < position + weight && drawn < count {
+                let jitter = key.point2(drawn + 1);
+                let direction = self.bright.direction_in(map, texel, jitter.x, jitter.y);
+                let cos = image.normal.dot(direction.as_dvec3()).max(0.0);
+                let light = image.position + direction.as_dvec3() * f64::from(self.far);
+                let seen = self.throughput(at, light, Goal::Plane(PlaneId::NONE), 0.0, scratch, tally);
+                let center_cos = image.normal.dot(texel.direction.as_dvec3());
+                let each = texel.power * (center_cos * step / weight) as f32;
+                let tilt = (cos / center_cos) as f32;
+                result.irradiance += each * tilt * seen * receiver.coat.transmittance(cos as f32);
+                next += step;
+                drawn += 1;
+            }
+            position += weight;
+        }
+        scratch.texels = texels;
+        result
+    }
+}
+
+#[cold]
+fn place_in_lobe(cell: &Cell, piece: &Piece, image: &Unfolded, (u, v): (f64, f64), key: Key) -> DVec3 {
+    let (mut chosen, mut total) = (piece.polygon.point(u, v), 0.0);
+    for index in 0..PLACES {
+        // A rank-1 lattice about (u, v).
+        let (s, t) = (u + f64::from(index) / f64::from(PLACES), v + f64::from(index) * 0.375);
+        let light = piece.polygon.point(s.fract(), t.fract());
+        let offset = light - image.position;
+        let r2 = offset.length_squared();
+        let leaves = -cell.normal.dot(offset) / r2.sqrt();
+        let sent = (image.normal.dot(offset) * leaves).max(0.0) / (r2 * r2.sqrt()).max(1e-300);
+        let weight = sent * cell.lobe.factor(leaves);
+        total += weight;
+        if f64::from(key.uniform(index)) * total < weight {
+            chosen = light;
+        }
+    }
+    chosen
+}
+
+/// Whether some samples were seen and some not.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Tally {
+    seen: bool,
+    missed: bool,
+}
+
+impl Tally {
+    pub(super) fn is_partial(self) -> bool {
+        self.seen && self.missed
+    }
+
+    #[inline]
+    fn count(&mut self, share: Rgb) {
+        if share == Rgb::ZERO {
+            self.missed = true;
+        } else {
+            self.seen = true;
+        }
+    }
+}
