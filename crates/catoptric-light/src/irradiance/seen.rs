@@ -92,10 +92,11 @@ pub(super) struct Seeker {
     spare: [Vec<DVec3>; 2],
 }
 
-/// Parts that the emitters are cut into for one receiver, at least.
-const PARTS: usize = 48;
-/// And more the more samples are taken, so that the cut never costs much beside the shadow rays.
-const PARTS_PER_SAMPLE: usize = 2;
+/// Parts that all emitters may be for one receiver, and how many more for each sample, so that the cut never costs much
+/// beside the shadow rays.
+const WHOLE: [usize; 2] = [48, 2];
+/// The same where they are more: the strongest groups, others by chance.
+const PARTS: [usize; 2] = [16, 1];
 
 impl Lights<'_> {
     /// Finds the parts of the emitters that may be seen, clipped to horizon and windows.
@@ -105,8 +106,9 @@ impl Lights<'_> {
         let Found { pieces, small, loose, windows, .. } = found;
         small.clear();
         loose.clear();
-        let budget = PARTS + PARTS_PER_SAMPLE * samples as usize;
-        self.emitters.tree().cut(self.emitters.cells(), &image.view(windows), budget, cut);
+        let budget = |[least, each]: [usize; 2]| least + each * samples as usize;
+        let view = image.view(windows);
+        self.emitters.tree().cut(self.emitters.cells(), &view, budget(WHOLE), budget(PARTS), cut);
         for part in cut.parts() {
             match part {
                 Part::Group(group) => {
