@@ -39,11 +39,18 @@ pub struct Cell {
 impl Cell {
     /// Its outline.
     pub fn polygon(&self) -> Polygon {
-        let [a, b] = self.edges;
+        let (corners, count) = self.corners();
+        Polygon::new(&corners[..count])
+    }
+
+    /// Its corners, and how many of these count.
+    #[inline]
+    pub(crate) fn corners(&self) -> ([DVec3; 4], usize) {
+        let (a, b) = (self.corner + self.edges[0], self.corner + self.edges[1]);
         if self.parallelogram {
-            Polygon::new(&[self.corner, self.corner + a, self.corner + a + b, self.corner + b])
+            ([self.corner, a, a + self.edges[1], b], 4)
         } else {
-            Polygon::new(&[self.corner, self.corner + a, self.corner + b])
+            ([self.corner, a, b, b], 3)
         }
     }
 

@@ -10,7 +10,7 @@ use catoptric_trace::plane::Plane;
 
 use crate::chains::Unfolded;
 use crate::contour::{self, Polygon};
-use crate::emitter::Emitters;
+use crate::emitter::{Cell, Emitters};
 use crate::lamp::{Beyond, Outline, Sight};
 use crate::light_tree::{Cut, Part, Windows};
 
@@ -180,6 +180,23 @@ impl Lights<'_> {
                 }
             }
         }
+    }
+
+    /// Irradiance by unit radiance of a cell that nothing cuts: far cheaper than its pieces. `None` where something may.
+    #[inline]
+    pub(super) fn unit_of_whole(cell: &Cell, image: &Unfolded, windows: &Windows) -> Option<f64> {
+        let is_free = windows.is_empty() && image.beyond.is_none() && cell.plane != image.last;
+        if !is_free || !cell.lobe.is_diffuse() {
+            return None;
+        }
+        let (corners, count) = cell.corners();
+        let corners = &corners[..count];
+        let above = |normal: DVec3| {
+            let height = normal.dot(image.position);
+            corners.iter().all(|c| normal.dot(*c) - height >= 0.0)
+        };
+        (above(image.geometric) && above(image.normal))
+            .then(|| contour::irradiance_above(image.position, image.normal, corners))
     }
 
     /// The parts of a cell above the horizon, one for each window that shows some.

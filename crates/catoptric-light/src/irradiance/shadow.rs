@@ -307,20 +307,25 @@ impl Lights<'_> {
             }
             Shared::Loose(group) => {
                 let (index, probability, rest) = tree.draw(group, &image.view(windows), inner)?;
+                let cell = &self.emitters.cells()[index as usize];
+                if !cell.faces(image.position) {
+                    return None;
+                }
+                if let Some(unit) = Self::unit_of_whole(cell, image, windows) {
+                    let whole = cell.radiance * (unit / probability) as f32;
+                    return (unit > 0.0).then(|| (index, cell.point(rest, other), whole));
+                }
                 // Of the parts of the cell, seen through several windows, one in proportion.
                 let mut chosen: Option<Piece> = None;
                 let (mut total, mut count) = (0.0, 0);
                 let key = key.child(number);
-                let cell = &self.emitters.cells()[index as usize];
-                if cell.faces(image.position) {
-                    self.pieces_of(index, image, windows, |piece| {
-                        total += piece.unit;
-                        count += 1;
-                        if f64::from(key.uniform(count)) * total < piece.unit {
-                            chosen = Some(piece);
-                        }
-                    });
-                }
+                self.pieces_of(index, image, windows, |piece| {
+                    total += piece.unit;
+                    count += 1;
+                    if f64::from(key.uniform(count)) * total < piece.unit {
+                        chosen = Some(piece);
+                    }
+                });
                 let light = self.place(&chosen?, image, (rest, other), key.child(0));
                 Some((index, light, cell.radiance * (total / probability) as f32))
             }
