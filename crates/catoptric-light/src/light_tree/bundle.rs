@@ -9,7 +9,7 @@ use super::build::Source;
 use super::view::View;
 
 /// Cells of a bundle at most.
-pub(super) const BUNDLE: usize = 16;
+pub(super) const BUNDLE: usize = 32;
 
 /// Few neighbouring cells, one number of each beside the other, to be weighed all at once.
 #[derive(Clone, Debug)]
