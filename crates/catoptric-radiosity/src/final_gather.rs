@@ -73,9 +73,11 @@ fn vertex_budgets(
     let inside = params.gather_points * params.gather_rays as f32 / whole;
     (0..mesh.vertices.len())
         .map(|v| {
-            let share = if refined[v] { 1.0 } else { (area[v] / (0.25 * whole)).min(1.0) };
+            // Beside each other, those of refined triangles are many: the noise of each is spread over less area.
+            let whole_share = (area[v] / (0.25 * whole)).min(1.0);
+            let share = if refined[v] { whole_share.sqrt() } else { whole_share };
             let least = MIN_VERTEX_RAYS.min(params.vertex_rays);
-            let rays = ((params.vertex_rays as f32 * share) as u32).clamp(least, params.vertex_rays);
+            let rays = power_of_two(params.vertex_rays as f32 * share).clamp(least, params.vertex_rays);
             let density = rays as f32 / area[v].max(f32::MIN_POSITIVE);
             let trust = if hidden[displayed.origin[v] as usize] {
                 HIDDEN_TRUST
@@ -87,6 +89,11 @@ fn vertex_budgets(
             (rays, trust)
         })
         .unzip()
+}
+
+/// The power of two that is nearest by ratio: whole strata of the sequence.
+fn power_of_two(count: f32) -> u32 {
+    ((count * std::f32::consts::FRAC_1_SQRT_2).ceil().max(1.0) as u32).next_power_of_two()
 }
 
 /// Irradiance below this share of the scene's mean counts as that much where rays are shared out.

@@ -21,6 +21,8 @@ pub struct NearParams {
     pub detail_rounds: u32,
     /// Triangles that this may add for each base triangle, about.
     pub detail_share: f32,
+    /// … and at most, at all: the author's tessellation may be as fine as it likes.
+    pub max_details: usize,
 }
 
 /// Rays by which a vertex looks around, and one of a fine mesh.
@@ -120,7 +122,8 @@ impl Near {
             }
             draft.split(tracer, &marks);
         }
-        let limit = draft.leaves.len() + (params.detail_share * roots as f32) as usize;
+        let details = ((params.detail_share * roots as f32) as usize).min(params.max_details);
+        let limit = draft.leaves.len() + details;
         for round in 0..params.detail_rounds {
             let shortest = spacing * 0.5_f32.powi(round as i32 + 1);
             let marks = self.marks(draft, params.ratio, shortest, limit.saturating_sub(draft.leaves.len()));
@@ -220,7 +223,7 @@ mod tests {
         let (mut draft, _) = coarse_patches(&tracer, 60);
         let spacing = 0.7;
         let near = Near::new(&tracer, &draft, &draft.display(&tracer), spacing, 0);
-        let params = NearParams { ratio: 1.5, rounds: 0, detail_rounds: 4, detail_share };
+        let params = NearParams { ratio: 1.5, rounds: 0, detail_rounds: 4, detail_share, max_details: 1000 };
         near.refine(&tracer, &mut draft, &params, spacing, 0);
         let foot = Vec3::new(0.21, 0.0, 0.13);
         draft

@@ -107,6 +107,7 @@ impl SolveParams {
                 rounds: near_rounds,
                 detail_rounds: near_rounds + 2,
                 detail_share: 1.0,
+                max_details: DETAILS_PER_TRIANGLE * base_triangles,
             },
             gather_fit: FitParams { prior: 0.1, smoothing: 0.06, ..FitParams::default() },
             solver: SolverParams::default(),
@@ -230,6 +231,8 @@ const SOURCE_CELL: f32 = 0.25;
 const GATHER_CELL: f32 = 0.125;
 /// Relative difference between the least and the most light around an element below which its edges tell enough.
 const EVEN: f32 = 0.2;
+/// Triangles that details may add, per triangle of the budget, at most.
+const DETAILS_PER_TRIANGLE: usize = 18;
 /// Groups that share, per vertex of the budget, at most.
 const SHARED_PER_VERTEX: usize = 4;
 
