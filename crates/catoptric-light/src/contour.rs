@@ -91,7 +91,7 @@ impl Polygon {
 }
 
 /// A point of a convex polygon: fan of triangles, uniform by area.
-pub fn point_in(corners: &[DVec3], u: f64, v: f64) -> DVec3 {
+fn point_in(corners: &[DVec3], u: f64, v: f64) -> DVec3 {
     let first = corners[0];
     let total: f64 = corners.windows(2).skip(1).map(|w| (w[0] - first).cross(w[1] - first).length()).sum();
     let mut remaining = u * total;
@@ -104,6 +104,28 @@ pub fn point_in(corners: &[DVec3], u: f64, v: f64) -> DVec3 {
         remaining -= area;
     }
     first
+}
+
+/// Sums of the areas (doubled) of the fan of triangles that [`point_in`] takes: for many points of one polygon.
+pub fn fan_of(corners: &[DVec3], sums: &mut Vec<f64>) {
+    sums.clear();
+    let mut sum = 0.0;
+    sums.extend(corners.windows(2).skip(1).map(|w| {
+        sum += (w[0] - corners[0]).cross(w[1] - corners[0]).length();
+        sum
+    }));
+}
+
+/// A point of a convex polygon with its fan, uniform by area.
+pub fn point_in_fan(corners: &[DVec3], sums: &[f64], u: f64, v: f64) -> DVec3 {
+    let Some(&total) = sums.last() else { return corners[0] };
+    let along = u * total;
+    let index = sums.partition_point(|&sum| sum < along).min(sums.len() - 1);
+    let before = if index > 0 { sums[index - 1] } else { 0.0 };
+    let area = sums[index] - before;
+    let s = if area > 0.0 { ((along - before) / area).clamp(0.0, 1.0).sqrt() } else { 0.0 };
+    let (first, a, b) = (corners[0], corners[index + 1], corners[index + 2]);
+    first + (a - first) * (s * (1.0 - v)) + (b - first) * (s * v)
 }
 
 /// Leaves of a convex polygon of any number of corners the part where normal·x ≥ offset; `spare` is a buffer.
@@ -352,6 +374,20 @@ mod tests {
         for i in 0..50 {
             let p = part.point(f64::from(i) / 50.0, f64::from(i * 7 % 50) / 50.0);
             assert!(p.x >= 0.2 - 1e-12 && p.x <= 0.8 + 1e-12 && p.y >= 0.4 - 1e-12 && p.y <= 1.2 + 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_fan_gives_the_points_that_the_polygon_gives() {
+        let corners: Vec<DVec3> =
+            (0..9).map(|k| DVec3::new((0.7 * f64::from(k)).cos(), (0.7 * f64::from(k)).sin(), 0.3)).collect();
+        let mut fan = Vec::new();
+        fan_of(&corners, &mut fan);
+        for i in 0..200 {
+            let (u, v) = (f64::from(i) / 199.0, f64::from(i * 7 % 200) / 199.0);
+            let difference = point_in_fan(&corners, &fan, u, v) - point_in(&corners, u, v);
+            // Sums of seven areas, and a square root of what is left of them.
+            assert!(difference.length() < 1e-7, "{u} {v}: {difference}");
         }
     }
 }

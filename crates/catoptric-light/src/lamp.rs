@@ -28,16 +28,39 @@ pub struct Lamp {
     center: DVec3,
     radius: f64,
     corners: Vec<DVec3>,
-    facets: Vec<Facet>,
+    facets: Facets,
     edges: Vec<Edge>,
 }
 
-/// The plane of a facet: outward normal · x = offset.
-#[derive(Clone, Copy, Debug)]
-struct Facet {
-    normal: DVec3,
-    offset: f64,
-    plane: PlaneId,
+/// The planes of the facets, outward normal · x = offset, coordinate by coordinate.
+#[derive(Clone, Debug, Default)]
+struct Facets {
+    normals: [Vec<f64>; 3],
+    offsets: Vec<f64>,
+    planes: Vec<PlaneId>,
+}
+
+impl Facets {
+    fn push(&mut self, normal: DVec3, offset: f64, plane: PlaneId) {
+        for (axis, values) in self.normals.iter_mut().enumerate() {
+            values.push(normal[axis]);
+        }
+        self.offsets.push(offset);
+        self.planes.push(plane);
+    }
+
+    fn len(&self) -> usize {
+        self.offsets.len()
+    }
+
+    /// Heights of a point above all facets.
+    fn heights(&self, point: DVec3) -> impl Iterator<Item = f64> {
+        let [x, y, z] = &self.normals;
+        let normals = x.iter().zip(y).zip(z);
+        normals
+            .zip(&self.offsets)
+            .map(move |(((x, y), z), offset)| x * point.x + y * point.y + z * point.z - offset)
+    }
 }
 
 /// An edge between two facets; the first has it run from the first end to the second.
@@ -55,6 +78,8 @@ pub struct Outline {
     /// Unit normal of that plane, away from the eye.
     pub axis: DVec3,
     facing: Vec<bool>,
+    /// Edges between a facet that is seen and one that is not.
+    edges: Vec<u32>,
     next: Vec<u32>,
 }
 
@@ -106,7 +131,7 @@ impl Lamp {
             center: DVec3::ZERO,
             radius: 0.0,
             corners: Vec::new(),
-            facets: Vec::new(),
+            facets: Facets::default(),
             edges: Vec::new(),
         };
         let mut known: HashMap<[u32; 3], u32> = HashMap::new();
@@ -131,7 +156,7 @@ impl Lamp {
             let [a, b, c] = corners.map(|c| c.as_dvec3());
             let normal = (b - a).cross(c - a).try_normalize()?;
             let facet = lamp.facets.len() as u32;
-            lamp.facets.push(Facet { normal, offset: normal.dot(a), plane: tracer.planes().of(id) });
+            lamp.facets.push(normal, normal.dot(a), tracer.planes().of(id));
             for (from, to) in [(ids[0], ids[1]), (ids[1], ids[2]), (ids[2], ids[0])] {
                 if let Some(other) = open.remove(&(to, from)) {
                     lamp.edges.push(Edge { ends: [to, from], facets: [other, facet] });
@@ -147,9 +172,9 @@ impl Lamp {
         lamp.radius = lamp.corners.iter().map(|c| (*c - lamp.center).length()).fold(0.0, f64::max);
         let slack = STANDS_OUT * lamp.radius;
         // One closed surface, not several, all of whose corners lie behind every facet.
-        let stands_out = |f: &Facet| lamp.corners.iter().any(|c| f.normal.dot(*c) - f.offset > slack);
+        let stands_out = |corner: &DVec3| lamp.facets.heights(*corner).any(|height| height > slack);
         let is_whole = lamp.corners.len() + lamp.facets.len() == lamp.edges.len() + 2;
-        (is_whole && !lamp.facets.iter().any(stands_out)).then_some(lamp)
+        (is_whole && !lamp.corners.iter().any(stands_out)).then_some(lamp)
     }
 
     /// Whether any of it may be seen through the windows.
@@ -180,28 +205,32 @@ impl Lamp {
         let Some(axis) = offset.try_normalize() else { return Sight::Hidden };
         outline.axis = axis;
         outline.facing.clear();
-        outline.facing.extend(self.facets.iter().map(|f| f.normal.dot(eye) > f.offset));
-        if hidden != PlaneId::NONE && self.facets.iter().any(|f| f.plane == hidden) {
+        outline.facing.extend(self.facets.heights(eye).map(|height| height > 0.0));
+        if hidden != PlaneId::NONE && self.facets.planes.contains(&hidden) {
             return Sight::Facets;
         }
         // Each edge between a facet that is seen and one that is not, in the sense of the one that is.
         outline.next.clear();
         outline.next.resize(self.corners.len(), u32::MAX);
+        // Few are: found without a branch for each.
+        outline.edges.resize(self.edges.len(), 0);
         let mut count = 0;
-        let mut first = u32::MAX;
-        for edge in &self.edges {
+        for (index, edge) in self.edges.iter().enumerate() {
             let [a, b] = edge.facets.map(|f| outline.facing[f as usize]);
-            if a == b {
-                continue;
-            }
-            let [from, to] = if a { edge.ends } else { [edge.ends[1], edge.ends[0]] };
+            outline.edges[count] = index as u32;
+            count += usize::from(a != b);
+        }
+        let mut first = u32::MAX;
+        for &index in &outline.edges[..count] {
+            let edge = &self.edges[index as usize];
+            let seen = outline.facing[edge.facets[0] as usize];
+            let [from, to] = if seen { edge.ends } else { [edge.ends[1], edge.ends[0]] };
             // Where rounding makes the outline touch itself, there is no one outline.
             if outline.next[from as usize] != u32::MAX {
                 return Sight::Facets;
             }
             outline.next[from as usize] = to;
             first = first.min(from);
-            count += 1;
         }
         if count == 0 {
             return Sight::Hidden;

@@ -57,6 +57,7 @@ pub struct Scratch {
     found: Found,
     seeker: Seeker,
     texels: Vec<(u32, f32)>,
+    fan: Vec<f64>,
     pub(crate) targets: Vec<Vec3>,
     /// Shadow rays cast (chains count one).
     pub rays: u64,

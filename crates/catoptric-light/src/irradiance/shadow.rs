@@ -78,9 +78,9 @@ impl<'a> Target<'a> {
         self.radiance * self.unit as f32
     }
 
-    /// The point of unit-square coordinates (u, v), uniform by area.
-    fn point(&self, u: f64, v: f64) -> DVec3 {
-        self.whole.map_or_else(|| contour::point_in(self.corners, u, v), |cell| cell.point(u, v))
+    /// The point of unit-square coordinates (u, v), uniform by area; `fan` is that of its corners.
+    fn point(&self, fan: &[f64], u: f64, v: f64) -> DVec3 {
+        self.whole.map_or_else(|| contour::point_in_fan(self.corners, fan, u, v), |cell| cell.point(u, v))
     }
 }
 
@@ -189,11 +189,14 @@ impl Lights<'_> {
             return target.irradiance();
         }
         let count = if free && textured.is_none() { count.min(FREE_SAMPLES) } else { count };
+        if target.whole.is_none() {
+            contour::fan_of(target.corners, &mut scratch.fan);
+        }
         let mut weights = 0.0_f64;
         let mut sum = DVec3::ZERO;
         for index in 0..count {
             let s = key.point2(index).as_dvec2();
-            let light = target.point(s.x, s.y);
+            let light = target.point(&scratch.fan, s.x, s.y);
             let offset = light - image.position;
             let r2 = offset.length_squared();
             let distance = r2.sqrt();
