@@ -254,7 +254,9 @@ pub(super) fn refine(
             })
             .collect();
         draft.split(tracer, &marks);
-        memory = leaves.iter().map(|l| ((l.part.code, l.part.level, l.halved), l.known)).collect();
+        // Those that got nothing are as quickly looked at again.
+        let lit = leaves.iter().filter(|l| l.known.moments.squares != [0.0; 4]);
+        memory = lit.map(|l| ((l.part.code, l.part.level, l.halved), l.known)).collect();
     }
     Ok(Density::default())
 }
