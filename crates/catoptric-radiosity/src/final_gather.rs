@@ -97,7 +97,7 @@ fn power_of_two(count: f32) -> u32 {
 }
 
 /// Irradiance below this share of the scene's mean counts as that much where rays are shared out.
-const FLOOR: f32 = 0.002;
+const FLOOR: f32 = 0.005;
 /// Standard deviation of what single rays find, relative to their mean, at which a gather has `gather_rays`.
 const USUAL_DEVIATION: f32 = 1.0;
 
