@@ -3,7 +3,7 @@
 //! `cargo run --profile fast -p catoptric-tests --example quick -- SCENE.glb OUT.exr [draft|standard|high] [layers]`
 //!
 //! Variables of the environment replace budgets of pass one: `BASE`, `ROWS`, `GATHER`, `VERT`, `TOL`, `MAXV`, `SHADOW`,
-//! `NEAR`, `DETAIL`, `DROUNDS`, `ROUNDS`, `NOISE`, `SMOOTH`, `POINTS`, `FITP`, `LIGHT` and `SEED` (see [`SolveParams`]).
+//! `NEAR`, `DETAIL`, `DROUNDS`, `ROUNDS`, `NOISE`, `SMOOTH`, `POINTS`, `FITP`, `FITR`, `LIGHT` and `SEED` (see [`SolveParams`]).
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -89,6 +89,7 @@ fn budgets(quality: Quality) -> SolveParams {
     share("SMOOTH", &mut params.gather_fit.smoothing);
     share("POINTS", &mut params.gather_points);
     count("FITP", &mut params.fit_points);
+    count("FITR", &mut params.fit_rays);
     count("SEED", &mut params.seed);
     count("LIGHT", &mut params.caustic.max_rays);
     params

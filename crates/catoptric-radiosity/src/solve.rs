@@ -95,7 +95,7 @@ impl SolveParams {
                 min_edge: 0.0,
             },
             shadow_rays,
-            fit_points: if quality == Quality::High { 2 } else { 1 },
+            fit_points: 2,
             fit_rays: shadow_rays,
             fit: FitParams::default(),
             row_rays,
