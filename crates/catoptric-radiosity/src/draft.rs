@@ -361,19 +361,20 @@ impl Draft {
             self.marked.insert(edge(a, b));
         }
         loop {
-            let mut done = true;
+            // All leaves are looked at before the first is split: side by side, in whatever order.
+            let wanted: Vec<bool> =
+                self.leaves.par_iter().with_min_len(512).map(|leaf| self.is_to_be_split(leaf)).collect();
+            if !wanted.contains(&true) {
+                return before..self.vertices.len() as u32;
+            }
             let mut leaves = Vec::with_capacity(self.leaves.len() * 2);
-            for leaf in std::mem::take(&mut self.leaves) {
-                let [a, b, c] = leaf.vertices;
-                let edges = [(a, b), (b, c), (c, a)];
-                let count = edges.iter().filter(|&&(p, q)| self.marked.contains(&edge(p, q))).count();
-                let twice = edges.iter().any(|&(p, q)| self.is_split_twice(p, q));
-                if count < 2 && !twice {
+            for (leaf, wanted) in std::mem::take(&mut self.leaves).into_iter().zip(wanted) {
+                if !wanted {
                     leaves.push(leaf);
                     continue;
                 }
-                done = false;
-                let [ab, bc, ca] = edges.map(|(p, q)| {
+                let [a, b, c] = leaf.vertices;
+                let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(p, q)| {
                     self.marked.insert(edge(p, q));
                     self.midpoint(tracer, p, q)
                 });
@@ -385,10 +386,15 @@ impl Draft {
                 }
             }
             self.leaves = leaves;
-            if done {
-                return before..self.vertices.len() as u32;
-            }
         }
+    }
+
+    /// Whether halving would not close a leaf: two of its edges are marked, or one twice.
+    fn is_to_be_split(&self, leaf: &Leaf) -> bool {
+        let [a, b, c] = leaf.vertices;
+        let edges = [(a, b), (b, c), (c, a)];
+        let count = edges.iter().filter(|&&(p, q)| self.marked.contains(&edge(p, q))).count();
+        count > 1 || (count == 1 && edges.iter().any(|&(p, q)| self.is_split_twice(p, q)))
     }
 
     /// Whether an edge is marked and one of its halves is, too.

@@ -75,8 +75,8 @@ impl SolveParams {
     pub fn for_quality(quality: Quality) -> Self {
         let (base_triangles, max_vertices, tolerance, shadow_rays, row_rays, gather_rays, near_rounds) =
             match quality {
-                Quality::Draft => (400, 1_500, 0.06, 16, 64, 48, 1),
-                Quality::Standard => (1_200, 4_000, 0.02, 16, 64, 128, 2),
+                Quality::Draft => (700, 6_000, 0.06, 16, 64, 48, 1),
+                Quality::Standard => (1_200, 5_000, 0.02, 16, 64, 128, 2),
                 Quality::High => (3_500, 14_000, 0.008, 32, 128, 256, 3),
             };
         let inside_rounds = if quality == Quality::Draft { 0 } else { 2 };

@@ -45,7 +45,7 @@ impl CausticParams {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality) -> Self {
         let (max_rays, max_vertices, noise) = match quality {
-            Quality::Draft => (1 << 17, 4_000, 0.06),
+            Quality::Draft => (1 << 18, 6_000, 0.06),
             Quality::Standard => (1 << 20, 20_000, 0.039),
             Quality::High => (1 << 23, 200_000, 0.012),
         };
