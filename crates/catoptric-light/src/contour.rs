@@ -379,8 +379,9 @@ mod tests {
 
     #[test]
     fn a_fan_gives_the_points_that_the_polygon_gives() {
-        let corners: Vec<DVec3> =
-            (0..9).map(|k| DVec3::new((0.7 * f64::from(k)).cos(), (0.7 * f64::from(k)).sin(), 0.3)).collect();
+        let corners: Vec<DVec3> = (0..9)
+            .map(|k| DVec3::new(libm::cos(0.7 * f64::from(k)), libm::sin(0.7 * f64::from(k)), 0.3))
+            .collect();
         let mut fan = Vec::new();
         fan_of(&corners, &mut fan);
         for i in 0..200 {
