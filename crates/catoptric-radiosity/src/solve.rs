@@ -79,7 +79,11 @@ impl SolveParams {
                 Quality::Standard => (1_200, 5_000, 0.02, 16, 64, 128, 2),
                 Quality::High => (3_500, 14_000, 0.008, 32, 128, 256, 3),
             };
-        let inside_rounds = if quality == Quality::Draft { 0 } else { 2 };
+        let inside_rounds = match quality {
+            Quality::Draft => 0,
+            Quality::Standard => 1,
+            Quality::High => 2,
+        };
         Self {
             walk: WalkParams::default(),
             light: LightParams::default(),
