@@ -75,8 +75,8 @@ impl SolveParams {
     pub fn for_quality(quality: Quality) -> Self {
         let (base_triangles, max_vertices, tolerance, shadow_rays, row_rays, gather_rays, near_rounds) =
             match quality {
-                Quality::Draft => (700, 6_000, 0.06, 16, 64, 48, 1),
-                Quality::Standard => (1_200, 5_000, 0.02, 16, 64, 128, 2),
+                Quality::Draft => (700, 5_000, 0.06, 16, 64, 48, 1),
+                Quality::Standard => (1_200, 4_500, 0.02, 16, 64, 128, 2),
                 Quality::High => (3_500, 14_000, 0.008, 32, 128, 256, 3),
             };
         let inside_rounds = match quality {
@@ -237,8 +237,8 @@ const GATHER_CELL: f32 = 0.125;
 const EVEN: f32 = 0.2;
 /// Triangles that details may add, per triangle of the budget, at most.
 const DETAILS_PER_TRIANGLE: usize = 18;
-/// Groups that share, per vertex of the budget, at most.
-const SHARED_PER_VERTEX: usize = 4;
+/// Groups that share, per base triangle of the budget, at most.
+const SHARED_PER_TRIANGLE: usize = 14;
 
 /// Solves the light of a scene.
 pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> Result<Solved, SolveError> {
@@ -268,7 +268,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     progress.begin("sources", params.sources.max_vertices as u64);
     let field = SourceField { lights: &lights, params, found: std::sync::Mutex::default() };
     let base_vertices = draft.vertices.len();
-    let budget = SHARED_PER_VERTEX * params.sources.max_vertices;
+    let budget = SHARED_PER_TRIANGLE * params.base_triangles;
     let sharing = Sharing::new(&draft, spacing, SOURCE_CELL * spacing, budget, &[]);
     let mut values = Values { values: Vec::new(), sharing };
     let source_params = RefineParams {
