@@ -106,7 +106,7 @@ fn point_in(corners: &[DVec3], u: f64, v: f64) -> DVec3 {
     first
 }
 
-/// Sums of the areas (doubled) of the fan of triangles that [`point_in`] takes: for many points of one polygon.
+/// Sums of the areas (doubled) of the fan of triangles around the first corner: for many points of one polygon.
 pub fn fan_of(corners: &[DVec3], sums: &mut Vec<f64>) {
     sums.clear();
     let mut sum = 0.0;
