@@ -107,7 +107,7 @@ impl SolveParams {
             vertex_rays: gather_rays,
             gather_points: 4.0,
             near: NearParams {
-                ratio: 1.5,
+                ratio: 1.2,
                 rounds: near_rounds,
                 detail_rounds: near_rounds + 2,
                 detail_share: 1.0,
