@@ -155,32 +155,22 @@ pub fn render(
     Ok(Rendered { image: image(&pixels, params), report })
 }
 
-/// Pixels that a task takes at a time: fewer than a row, since a horizon is a row that costs as much as all others.
-const PIXELS_AT_A_TIME: usize = 32;
-
-/// Works on every pixel, in parallel.
+/// Works on every pixel, rows in parallel.
 fn rows(
     pixels: &mut [Sample],
     width: usize,
     progress: &dyn Progress,
     work: impl Fn((usize, usize), &mut Sample, &mut Scratch) + Sync,
 ) -> Result<(), Cancelled> {
-    let width = width.max(1);
-    let parts = pixels.par_chunks_mut(PIXELS_AT_A_TIME).enumerate();
-    parts.try_for_each_init(Scratch::default, |scratch, (part, pixels)| {
+    pixels.par_chunks_mut(width.max(1)).enumerate().try_for_each(|(y, row)| {
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
-        let first = part * PIXELS_AT_A_TIME;
-        for (offset, pixel) in pixels.iter_mut().enumerate() {
-            let index = first + offset;
-            work((index % width, index / width), pixel, scratch);
+        let mut scratch = Scratch::default();
+        for (x, pixel) in row.iter_mut().enumerate() {
+            work((x, y), pixel, &mut scratch);
         }
-        // Rows that end here.
-        let ended = (first + pixels.len()) / width - first / width;
-        if ended > 0 {
-            progress.advance(ended as u64);
-        }
+        progress.advance(1);
         Ok(())
     })
 }
