@@ -22,6 +22,7 @@ pub mod rows;
 pub mod sharing;
 pub mod solve;
 pub mod solver;
+mod source_light;
 pub mod triangulate;
 mod union;
 

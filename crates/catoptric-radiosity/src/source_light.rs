@@ -1,0 +1,199 @@
+//! Light of the sources at the vertices of the display mesh: sampled where refinement asks, then fitted.
+
+use std::sync::Mutex;
+
+use rayon::prelude::*;
+
+use catoptric_light::irradiance::Scratch;
+use catoptric_light::{Lights, Receiver};
+use catoptric_scene::{Cancelled, Progress, Rgb};
+use catoptric_trace::sequence::{Key, Purpose, triangle_point};
+
+use crate::draft::{Displayed, Draft, drawn_inside};
+use crate::final_gather::HIDDEN_TRUST;
+use crate::fit::{FitParams, FitSample, fit};
+use crate::refine::{Field, mean};
+use crate::solve::SolveParams;
+
+/// Light of sources at a vertex.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct SourceLight {
+    pub(crate) direct: Rgb,
+    pub(crate) mirrored: Rgb,
+    pub(crate) punctual: Rgb,
+    /// Shadow rays that it took.
+    pub(crate) rays: u32,
+}
+
+impl SourceLight {
+    pub(crate) fn sum(&self) -> Rgb {
+        self.area_sources() + self.punctual
+    }
+
+    fn area_sources(&self) -> Rgb {
+        self.direct + self.mirrored
+    }
+}
+
+/// The field that refinement looks at while it keeps what was found.
+pub(crate) struct SourceField<'a> {
+    lights: &'a Lights<'a>,
+    params: &'a SolveParams,
+    found: Mutex<Vec<(u32, SourceLight)>>,
+}
+
+impl<'a> SourceField<'a> {
+    pub(crate) fn new(lights: &'a Lights<'a>, params: &'a SolveParams) -> Self {
+        Self { lights, params, found: Mutex::default() }
+    }
+
+    /// What was found, by vertex, of which there are `count`, and which vertices were asked for.
+    pub(crate) fn collect(&self, count: usize) -> (Vec<SourceLight>, Vec<bool>) {
+        let mut known = vec![SourceLight::default(); count];
+        let mut asked = vec![false; count];
+        if let Ok(mut found) = self.found.lock() {
+            for (vertex, light) in found.drain(..) {
+                known[vertex as usize] = light;
+                asked[vertex as usize] = true;
+            }
+        }
+        (known, asked)
+    }
+
+    fn light(&self, receiver: &Receiver, rays: u32, key: Key) -> SourceLight {
+        let mut scratch = Scratch::default();
+        let mut light = SourceLight::default();
+        if self.lights.has_sources() {
+            light.direct = self.lights.direct(receiver, rays, key, &mut scratch).irradiance;
+            light.mirrored = self.lights.mirrored(receiver, rays, key.child(1), &mut scratch).irradiance;
+        }
+        let punctual = self.lights.punctual(receiver, &mut scratch);
+        light.punctual = punctual.direct + punctual.mirrored;
+        light.rays = scratch.rays as u32;
+        light
+    }
+}
+
+impl Field for SourceField<'_> {
+    fn evaluate(&self, draft: &Draft, vertex: u32) -> Rgb {
+        let receiver = draft.receiver(self.lights.tracer(), vertex);
+        let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
+        let light = self.light(&receiver, self.params.shadow_rays, key);
+        if let Ok(mut found) = self.found.lock() {
+            found.push((vertex, light));
+        }
+        light.sum()
+    }
+
+    fn evaluate_inside(&self, draft: &Draft, leaf: u32, weights: [f32; 3]) -> Rgb {
+        let receiver = draft.receiver_in_leaf(self.lights.tracer(), leaf, weights);
+        let entity =
+            u64::from(leaf) << 3 | (weights[0].to_bits() ^ weights[1].to_bits()) as u64 & 7 | 1 << 44;
+        let key = Key::new(self.params.seed, Purpose::Emitter, entity);
+        self.light(&receiver, self.params.shadow_rays, key).sum()
+    }
+}
+
+/// Relative difference between the least and the most light around an element below which its edges tell enough.
+const EVEN: f32 = 0.2;
+
+/// Replaces the point samples of direct and mirrored light by their least-squares fit.
+pub(crate) fn fit_sources(
+    lights: &Lights,
+    draft: &Draft,
+    displayed: &Displayed,
+    hidden: &[bool],
+    asked: &[bool],
+    sources: &mut [SourceLight],
+    params: &SolveParams,
+    spacing: f32,
+    progress: &dyn Progress,
+) -> Result<(), Cancelled> {
+    if !lights.has_sources() {
+        return Ok(());
+    }
+    let tracer = lights.tracer();
+    let mesh = &displayed.mesh;
+    progress.begin("fit", mesh.elements.len() as u64);
+    // Small elements of finely tessellated surfaces share: as many points as their area is worth, but refined ones, which
+    // are small because light varies there, get all.
+    let whole = 0.5 * spacing * spacing;
+    let level_of: Vec<u8> = displayed.leaves.iter().map(|&l| draft.leaves[l as usize].level).collect();
+    let sums: Vec<Rgb> = sources.iter().map(SourceLight::sum).collect();
+    let floor = (params.sources.floor * mean(draft, &sums)).max(f32::MIN_POSITIVE);
+    let mut samples: Vec<FitSample> = Vec::new();
+    // The middles of edges that refinement has looked at and left whole are samples already: with their three middles,
+    // elements know all quadratic light (the midpoint rule). Where light is uneven, points inside are asked besides.
+    let mut middles: Vec<(FitSample, u32)> = Vec::new();
+    for element in 0..mesh.elements.len() as u32 {
+        let corners = mesh.elements[element as usize].vertices.map(|v| displayed.origin[v as usize]);
+        let area = mesh.area(element);
+        let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(element));
+        let expected = params.fit_points as f32 * (area / whole).min(1.0);
+        let count = if level_of[element as usize] > 0 {
+            params.fit_points
+        } else {
+            (expected + key.uniform(0)).floor() as u32
+        };
+        let first = middles.len();
+        let (mut least, mut most) = (Rgb::INFINITY, Rgb::ZERO);
+        for (k, &corner) in corners.iter().enumerate() {
+            let middle = draft.known_midpoint(corner, corners[(k + 1) % 3]).filter(|&m| asked[m as usize]);
+            for light in
+                [Some(corner), middle].into_iter().flatten().map(|v| sources[v as usize].area_sources())
+            {
+                (least, most) = (least.min(light), most.max(light));
+            }
+            let mut weights = [0.5; 3];
+            weights[(k + 2) % 3] = 0.0;
+            middles.extend(middle.map(|m| (FitSample { element, weights, area }, m)));
+        }
+        let even = ((most - least) / (0.5 * (most + least) + Rgb::splat(floor))).max_element() < EVEN;
+        let count = if even && middles.len() == first + 3 { 0 } else { count };
+        let share = area / (count as usize + middles.len() - first).max(1) as f32;
+        middles[first..].iter_mut().for_each(|m| m.0.area = share);
+        samples.extend((0..count).map(|index| {
+            let weights = drawn_inside(triangle_point(key.point2(index)));
+            FitSample { element, weights, area: share }
+        }));
+    }
+    let mut found: Vec<(Rgb, Rgb)> = samples
+        .par_iter()
+        .enumerate()
+        .with_min_len(32)
+        .map_init(Scratch::default, |scratch, (index, sample)| {
+            if progress.is_cancelled() {
+                return (Rgb::ZERO, Rgb::ZERO);
+            }
+            let receiver = draft.receiver_inside(tracer, displayed, sample.element, sample.weights);
+            let key = Key::new(params.seed, Purpose::Emitter, index as u64 | 1 << 40);
+            let direct = lights.direct(&receiver, params.fit_rays, key, scratch).irradiance;
+            let mirrored = lights.mirrored(&receiver, params.fit_rays, key.child(1), scratch).irradiance;
+            (direct, mirrored)
+        })
+        .collect();
+    samples.extend(middles.iter().map(|m| m.0));
+    found.extend(middles.iter().map(|m| (sources[m.1 as usize].direct, sources[m.1 as usize].mirrored)));
+    if progress.is_cancelled() {
+        return Err(Cancelled);
+    }
+    let direct: Vec<Rgb> = found.iter().map(|f| f.0).collect();
+    let mirrored: Vec<Rgb> = found.iter().map(|f| f.1).collect();
+    let fit_params = FitParams { smoothing: params.fit.smoothing * spacing, ..params.fit };
+    let trust: Vec<f32> =
+        displayed.origin.iter().map(|&v| if hidden[v as usize] { HIDDEN_TRUST } else { 1.0 }).collect();
+    let fitted = |values: &[Rgb], term: fn(&SourceLight) -> Rgb| {
+        let prior: Vec<Rgb> = displayed.origin.iter().map(|&v| term(&sources[v as usize])).collect();
+        if prior.iter().chain(values).all(|v| *v == Rgb::ZERO) {
+            return prior;
+        }
+        fit(mesh, &samples, values, &prior, &trust, &fit_params)
+    };
+    let (direct, mirrored) =
+        rayon::join(|| fitted(&direct, |s| s.direct), || fitted(&mirrored, |s| s.mirrored));
+    for ((&v, direct), mirrored) in displayed.origin.iter().zip(direct).zip(mirrored) {
+        let source = &mut sources[v as usize];
+        (source.direct, source.mirrored) = (direct, mirrored);
+    }
+    Ok(())
+}
