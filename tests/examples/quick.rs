@@ -15,16 +15,25 @@ use catoptric_scene::{Progress, gltf};
 use catoptric_solution::Quality;
 use catoptric_trace::Tracer;
 
-/// Prints how long each stage took when the next one begins.
-struct Stopwatch(Mutex<(Instant, String)>);
+/// Prints how long each stage took when the next one begins, and the processor time of all threads in it.
+struct Stopwatch(Mutex<(Instant, f64, String)>);
+
+/// Seconds that the threads of this process have run, where the system tells (Linux).
+fn processor_seconds() -> f64 {
+    let Ok(tasks) = std::fs::read_dir("/proc/self/task") else { return f64::NAN };
+    let of_task = |path: std::path::PathBuf| std::fs::read_to_string(path.join("schedstat")).ok()?.split(' ').next()?.parse::<f64>().ok();
+    tasks.flatten().filter_map(|task| of_task(task.path())).sum::<f64>() * 1e-9
+}
 
 impl Progress for Stopwatch {
     fn begin(&self, stage: &str, _total: u64) {
         let Ok(mut running) = self.0.lock() else { return };
-        if !running.1.is_empty() {
-            eprintln!("  {:>8.1} ms {}", running.0.elapsed().as_secs_f64() * 1e3, running.1);
+        let (now, processor) = (Instant::now(), processor_seconds());
+        if !running.2.is_empty() {
+            let (wall, busy) = ((now - running.0).as_secs_f64(), processor - running.1);
+            eprintln!("  {:>8.1} ms ({:>8.1} of processors) {}", wall * 1e3, busy * 1e3, running.2);
         }
-        *running = (Instant::now(), stage.to_owned());
+        *running = (now, processor, stage.to_owned());
     }
 
     fn advance(&self, _units: u64) {}
@@ -46,7 +55,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
 
     let start = Instant::now();
-    let progress = Stopwatch(Mutex::new((start, "load".to_owned())));
+    let progress = Stopwatch(Mutex::new((start, processor_seconds(), "load".to_owned())));
     let loaded = gltf::load(Path::new(scene), &gltf::LoadOptions::default()).map_err(|e| e.to_string())?;
     progress.begin("tree", 1);
     let tracer = Tracer::new(&loaded.scene);
