@@ -21,7 +21,9 @@ struct Stopwatch(Mutex<(Instant, f64, String)>);
 /// Seconds that the threads of this process have run, where the system tells (Linux).
 fn processor_seconds() -> f64 {
     let Ok(tasks) = std::fs::read_dir("/proc/self/task") else { return f64::NAN };
-    let of_task = |path: std::path::PathBuf| std::fs::read_to_string(path.join("schedstat")).ok()?.split(' ').next()?.parse::<f64>().ok();
+    let of_task = |path: std::path::PathBuf| {
+        std::fs::read_to_string(path.join("schedstat")).ok()?.split(' ').next()?.parse::<f64>().ok()
+    };
     tasks.flatten().filter_map(|task| of_task(task.path())).sum::<f64>() * 1e-9
 }
 

@@ -244,7 +244,7 @@ pub(super) fn refine(
                 });
             }
             projection.smooth(&light);
-            return Ok(Density { values: projection.values, noise });
+            return Ok(Density { values: projection.values, mass: projection.mass, light, noise });
         }
         let marks: Vec<(u32, u32)> = wanted
             .iter()
@@ -266,12 +266,57 @@ pub(super) fn refine(
 pub(super) struct Density {
     /// Irradiance at the vertices.
     pub(super) values: Vec<Rgb>,
-    /// Standard error of the triangles against the light there, root mean square over what caustics light.
+    /// Area around each vertex / 3.
+    mass: Vec<f32>,
+    /// Light of other terms at the vertices, channels added.
+    light: Vec<f32>,
+    /// Standard error of the triangles before smoothing, against the light there, root mean square over what caustics
+    /// light.
     pub(super) noise: f32,
 }
 
 /// Caustics weaker than this share of the other light do not count.
 const LIT: f32 = 0.02;
+
+impl Density {
+    /// Difference to what was found `before` on another refinement of the same base mesh, of `first` vertices, against the
+    /// light there: root mean square over the surface that either says caustics light.
+    ///
+    /// Noise, its smoothing and detail that had not been told from it all show: an estimate from variances alone is blind
+    /// to what smoothing blurred.
+    pub(super) fn change(&self, draft: &Draft, before: &Density, coarser: &Draft, first: usize) -> f32 {
+        // The vertices that both have, by way of their parents: of `coarser` here, then its values at this mesh's.
+        let mut there: Vec<Option<u32>> = (0..first as u32).map(Some).collect();
+        for vertex in &coarser.vertices[first..] {
+            let known = vertex
+                .parents
+                .and_then(|[a, b]| draft.known_midpoint(there[a as usize]?, there[b as usize]?));
+            there.push(known);
+        }
+        let mut known = vec![None; draft.vertices.len()];
+        for (&here, &value) in there.iter().zip(&before.values) {
+            if let Some(here) = here {
+                known[here as usize] = Some(value);
+            }
+        }
+        let mut old: Vec<Rgb> = Vec::with_capacity(draft.vertices.len());
+        for (vertex, known) in draft.vertices.iter().zip(known) {
+            let between =
+                || vertex.parents.map_or(Rgb::ZERO, |[a, b]| (old[a as usize] + old[b as usize]) * 0.5);
+            old.push(known.unwrap_or_else(between));
+        }
+        let (mut sum, mut lit) = (0.0_f64, 0.0_f64);
+        for (v, (&now, &old)) in self.values.iter().zip(&old).enumerate() {
+            let caustic = strength(now).max(strength(old));
+            if caustic > LIT * self.light[v] {
+                let relative = strength(now - old) / (self.light[v] + strength(now));
+                sum += f64::from(self.mass[v] * relative * relative);
+                lit += f64::from(self.mass[v]);
+            }
+        }
+        if lit > 0.0 { (sum / lit).sqrt() as f32 } else { 0.0 }
+    }
+}
 
 fn noise(draft: &Draft, deposits: &Deposits, leaves: &[Looked], other: &[Rgb]) -> f32 {
     let (mut sum, mut lit) = (0.0_f64, 0.0_f64);

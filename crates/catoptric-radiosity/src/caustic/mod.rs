@@ -23,6 +23,7 @@ use catoptric_solution::{Quality, Solution, Term};
 use catoptric_trace::walk::WalkParams;
 use catoptric_trace::{Ledger, Tracer};
 
+use crate::caustic::density::Density;
 use crate::caustic::deposit::Deposits;
 use crate::caustic::emit::{Emission, Harvest};
 use crate::draft::{Displayed, Draft};
@@ -35,7 +36,7 @@ pub struct CausticParams {
     pub min_rays: u32,
     /// Rays at most, a power of two.
     pub max_rays: u32,
-    /// More rays are sent while the noise is above this share of the light, root mean square over what is lit.
+    /// Rays are doubled until their noise is below this share of the light, or until that changes less of it.
     pub noise: f32,
     /// The mesh.
     pub density: DensityParams,
@@ -47,10 +48,10 @@ impl CausticParams {
         let (max_rays, max_vertices, noise) = match quality {
             Quality::Draft => (1 << 18, 6_000, 0.06),
             Quality::Standard => (1 << 20, 20_000, 0.039),
-            Quality::High => (1 << 23, 200_000, 0.012),
+            Quality::High => (1 << 22, 200_000, 0.022),
         };
         Self {
-            min_rays: 1 << 16,
+            min_rays: 1 << 15,
             max_rays,
             noise,
             density: DensityParams {
@@ -84,8 +85,10 @@ pub struct CausticReport {
     pub elsewhere: DVec3,
     /// Entries that sum to `sent`.
     pub ledger: Ledger,
-    /// Estimated noise against the light there, root mean square over what caustics light.
+    /// Estimated noise before smoothing, against the light there, root mean square over what caustics light.
     pub noise: f32,
+    /// What the last doubling of the rays changed, against the light there, root mean square over what caustics light.
+    pub change: f32,
     /// Vertices of its mesh beyond the base.
     pub vertices: usize,
 }
@@ -128,7 +131,8 @@ pub fn caustic(
     let mut harvest = Harvest::default();
     let mut rays = 0;
     let mut next = params.min_rays.min(params.max_rays);
-    let (own, found, deposits) = loop {
+    let mut before: Option<(Draft, Density)> = None;
+    let (own, found, deposits, change) = loop {
         harvest.add(emission.send(rays..next, seed, progress)?);
         rays = next;
         let deposits = Deposits::new(&harvest.deposits, 1.0 / rays as f32);
@@ -136,9 +140,13 @@ pub fn caustic(
         let light: Vec<Rgb> = other.iter().map(|&l| l + Rgb::splat(floor)).collect();
         let mut own = draft.clone();
         let found = density::refine(tracer, &mut own, &deposits, &light, &density, progress)?;
-        if rays >= params.max_rays || found.noise < params.noise {
-            break (own, found, deposits);
+        let change = before
+            .as_ref()
+            .map_or(f32::INFINITY, |(coarser, b)| found.change(&own, b, coarser, draft.vertices.len()));
+        if rays >= params.max_rays || change.min(found.noise) < params.noise {
+            break (own, found, deposits, change);
         }
+        before = Some((own, found));
         next = (rays * 2).min(params.max_rays);
     };
     let share = 1.0 / f64::from(rays);
@@ -150,6 +158,7 @@ pub fn caustic(
         elsewhere: harvest.elsewhere * share,
         ledger: harvest.ledger.scaled(share),
         noise: found.noise,
+        change,
         vertices: own.vertices.len() - draft.vertices.len(),
     };
     let base_vertices = draft.vertices.len();
