@@ -10,6 +10,7 @@ use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_solution::DisplayMesh;
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 
+use crate::JOB;
 use crate::draft::{Displayed, Draft, drawn_inside};
 use crate::fit::{FitParams, FitSample, fit};
 use crate::gather::{DiffuseLight, Gathered, gather_part};
@@ -371,6 +372,7 @@ pub(crate) fn final_gather(
         .par_iter()
         .zip(&vertex_rays)
         .with_min_len(8)
+        .with_max_len(JOB)
         .map(|(&v, &rays)| match rays {
             0 => Gathered::default(),
             _ if sharing.shares(v) => around(&light, v, rays, 0),
@@ -384,6 +386,7 @@ pub(crate) fn final_gather(
         .zip(&mut vertex_rays)
         .zip(displayed.origin.par_iter().zip(&beside))
         .with_min_len(8)
+        .with_max_len(JOB)
         .filter(|((_, rays), (v, _))| !at_once && **rays > 0 && !sharing.shares(**v))
         .for_each(|((gathered, rays), (&v, moments))| {
             let (known, all) = (first_rays(*rays), rays_for(*rays, *moments, floor));
@@ -419,6 +422,7 @@ pub(crate) fn final_gather(
         .zip(&inside_rays)
         .enumerate()
         .with_min_len(4)
+        .with_max_len(JOB)
         .map(|(index, (s, &rays))| {
             let receiver = draft.receiver_inside(tracer, &displayed, s.element, s.weights);
             work(&light, &receiver, 0..rays, index as u64 | 1 << 43)
@@ -429,6 +433,7 @@ pub(crate) fn final_gather(
         .leads()
         .par_iter()
         .with_min_len(4)
+        .with_max_len(JOB)
         .map(|&v| around(&light, v, params.gather_rays, 1 << 45))
         .collect();
     for (&lead, gathered) in sharing.leads().iter().zip(again) {

@@ -27,3 +27,7 @@ pub mod triangulate;
 mod union;
 
 pub use solve::{SolveError, SolveParams, SolveReport, Solved, solve};
+
+/// Receivers in one parallel job at most. By itself rayon stops splitting after few halves, and a thread that is done waits
+/// for the long last piece of another.
+const JOB: usize = 32;

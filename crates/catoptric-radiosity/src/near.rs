@@ -7,6 +7,7 @@ use catoptric_scene::Side;
 use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose};
 
+use crate::JOB;
 use crate::draft::{Displayed, Draft};
 use crate::gather::{Surroundings, look_around};
 
@@ -61,6 +62,7 @@ impl Near {
         let found: Vec<(Surroundings, Vec<Glimpse>)> = (0..draft.vertices.len())
             .into_par_iter()
             .with_min_len(16)
+            .with_max_len(JOB)
             .map(|vertex| {
                 let rays = if longest[vertex] < FINE * spacing { AROUND_FINE } else { AROUND };
                 let small = shortest[vertex] < FINE * spacing;
@@ -103,11 +105,14 @@ impl Near {
                 }
             }
             distances.resize(draft.vertices.len(), f32::NAN);
-            distances.par_iter_mut().enumerate().with_min_len(16).for_each(|(vertex, distance)| {
-                if asked[vertex] && distance.is_nan() {
-                    *distance = surroundings(tracer, draft, vertex as u32, AROUND, seed, |_, _| {}).distance;
-                }
-            });
+            distances.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(
+                |(vertex, distance)| {
+                    if asked[vertex] && distance.is_nan() {
+                        *distance =
+                            surroundings(tracer, draft, vertex as u32, AROUND, seed, |_, _| {}).distance;
+                    }
+                },
+            );
             let marks: Vec<(u32, u32)> = draft
                 .edges()
                 .into_iter()

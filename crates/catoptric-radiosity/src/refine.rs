@@ -3,6 +3,7 @@
 use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::Tracer;
 
+use crate::JOB;
 use crate::draft::Draft;
 use crate::sharing::Sharing;
 
@@ -54,6 +55,7 @@ impl Values {
         let fresh: Vec<Rgb> = (first..draft.vertices.len() as u32)
             .into_par_iter()
             .with_min_len(16)
+            .with_max_len(JOB)
             .map(|vertex| {
                 let asked = self.sharing.is_asked(vertex) && !progress.is_cancelled();
                 if asked { field.evaluate(draft, vertex) } else { Rgb::ZERO }
@@ -104,6 +106,7 @@ impl Values {
         let found: Vec<Rgb> = doubtful
             .par_iter()
             .with_min_len(16)
+            .with_max_len(JOB)
             .map(|&v| if progress.is_cancelled() { Rgb::ZERO } else { field.evaluate(draft, v) })
             .collect();
         if progress.is_cancelled() {
@@ -220,6 +223,7 @@ fn test_inside(
         .par_iter()
         .enumerate()
         .with_min_len(16)
+        .with_max_len(JOB)
         .filter(|(_, leaf)| u32::from(leaf.level) >= round)
         .flat_map_iter(|(index, leaf)| {
             let corners = leaf.vertices.map(|v| values.values[v as usize]);

@@ -10,6 +10,7 @@ use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame};
 use catoptric_trace::walk::{self, End, WalkParams};
 use catoptric_trace::{Ledger, Ray};
 
+use crate::JOB;
 use crate::draft::Draft;
 use crate::gather::radiance_scale;
 use crate::patch::{PatchId, PatchMesh};
@@ -170,6 +171,7 @@ pub fn rows(
     (0..patches.len() as u32)
         .into_par_iter()
         .with_min_len(8)
+        .with_max_len(JOB)
         .map(|index| {
             if progress.is_cancelled() {
                 return Err(Cancelled);

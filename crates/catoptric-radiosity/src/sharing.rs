@@ -7,6 +7,7 @@ use std::collections::HashMap;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::JOB;
 use crate::draft::Draft;
 
 /// Which vertices sample for others.
@@ -80,8 +81,12 @@ impl Sharing {
             });
             led.extend(group.iter().filter(|m| m.1 != vertex).map(|m| (m.1, vertex)));
         }
-        let mixes: Vec<Mix> =
-            led.par_iter().with_min_len(64).map(|&(v, own)| mix(draft, v, own, cell, &around)).collect();
+        let mixes: Vec<Mix> = led
+            .par_iter()
+            .with_min_len(64)
+            .with_max_len(8 * JOB)
+            .map(|&(v, own)| mix(draft, v, own, cell, &around))
+            .collect();
 
         let count = draft.vertices.len();
         let mut sharing =

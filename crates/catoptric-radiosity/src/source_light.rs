@@ -9,6 +9,7 @@ use catoptric_light::{Lights, Receiver};
 use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 
+use crate::JOB;
 use crate::draft::{Displayed, Draft, drawn_inside};
 use crate::final_gather::HIDDEN_TRUST;
 use crate::fit::{FitParams, FitSample, fit};
@@ -160,7 +161,8 @@ pub(crate) fn fit_sources(
     let mut found: Vec<(Rgb, Rgb)> = samples
         .par_iter()
         .enumerate()
-        .with_min_len(32)
+        .with_min_len(JOB)
+        .with_max_len(JOB)
         .map_init(Scratch::default, |scratch, (index, sample)| {
             if progress.is_cancelled() {
                 return (Rgb::ZERO, Rgb::ZERO);

@@ -111,7 +111,7 @@ pub fn render(
     let (width, height) = (params.width, params.height);
 
     // One ray through the centre of every pixel.
-    progress.begin("image", 3 * height as u64);
+    progress.begin("image", 3 * (width * height).div_ceil(JOB) as u64);
     let mut pixels = Vec::with_capacity(width * height);
     for _ in 0..height {
         // Gigabytes, where the picture is large.
@@ -120,14 +120,14 @@ pub fn render(
         }
         pixels.resize(pixels.len() + width, Sample::NOTHING);
     }
-    rows(&mut pixels, width, progress, |at, pixel, scratch| {
+    for_pixels(&mut pixels, width, progress, |at, pixel, scratch| {
         let key = Key::new(params.seed, Purpose::Pixel, (at.1 * width + at.0) as u64);
         *pixel = shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 0), key, scratch);
     })?;
 
     // Pixels beside an edge are made of new samples.
     let needs = needs(&pixels, width, height, params.contrast);
-    rows(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
+    for_pixels(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
         Need::Nothing => {}
         Need::Shadows => {
             let key = again(params, at).child(0);
@@ -138,7 +138,7 @@ pub fn render(
     })?;
     let noisy = beside_noise(&pixels, &needs, width, params.noise);
     let all = NOISY_SHARE * params.edge_samples;
-    rows(&mut pixels, width, progress, |at, pixel, scratch| {
+    for_pixels(&mut pixels, width, progress, |at, pixel, scratch| {
         if noisy[at.1 * width + at.0] {
             resample(&eye, camera, params, at, params.edge_samples..all, pixel, scratch);
         }
@@ -155,24 +155,30 @@ pub fn render(
     Ok(Rendered { image: image(&pixels, params), report })
 }
 
-/// Works on every pixel, rows in parallel.
-fn rows(
+/// Pixels in one parallel job. A row is too long: where a horizon lies between mirrors, it takes as long as the rest.
+const JOB: usize = 32;
+
+/// Works on every pixel, in parallel.
+fn for_pixels(
     pixels: &mut [Sample],
     width: usize,
     progress: &dyn Progress,
     work: impl Fn((usize, usize), &mut Sample, &mut Scratch) + Sync,
 ) -> Result<(), Cancelled> {
-    pixels.par_chunks_mut(width.max(1)).enumerate().try_for_each(|(y, row)| {
-        if progress.is_cancelled() {
-            return Err(Cancelled);
-        }
-        let mut scratch = Scratch::default();
-        for (x, pixel) in row.iter_mut().enumerate() {
-            work((x, y), pixel, &mut scratch);
-        }
-        progress.advance(1);
-        Ok(())
-    })
+    // By itself rayon stops splitting after few halves: hence one chunk at most.
+    pixels.par_chunks_mut(JOB).with_max_len(1).enumerate().try_for_each_init(
+        Scratch::default,
+        |scratch, (job, pixels)| {
+            if progress.is_cancelled() {
+                return Err(Cancelled);
+            }
+            for (index, pixel) in (job * JOB..).zip(pixels) {
+                work((index % width, index / width), pixel, scratch);
+            }
+            progress.advance(1);
+            Ok(())
+        },
+    )
 }
 
 fn shoot(

@@ -13,6 +13,7 @@ use rustc_hash::FxHashMap;
 use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::Tracer;
 
+use crate::JOB;
 use crate::caustic::deposit::{Deposits, LEVELS, Part};
 use crate::draft::{Draft, Leaf};
 
@@ -76,6 +77,7 @@ fn look(draft: &Draft, deposits: &Deposits, memory: &Memory) -> Vec<Looked> {
         .leaves
         .par_iter()
         .with_min_len(64)
+        .with_max_len(8 * JOB)
         .map(|leaf| {
             let part = Part::of(draft, leaf);
             let halved = halved(draft, leaf.vertices).map(|h| h.0);
@@ -216,13 +218,15 @@ pub(super) fn refine(
         let mut leaves = look(draft, deposits, &memory);
         let mut projection = Projection::new(draft, &leaves, params.sharpening);
         let values = &projection.values;
-        leaves.par_iter_mut().zip(&draft.leaves).with_min_len(64).for_each(|(looked, leaf)| {
-            let at = around(draft, leaf, values);
-            if looked.known.judged.is_none_or(|j| j.0 != at) {
-                looked.known.judged =
-                    Some((at, gain(draft, deposits, leaf, looked.part, &at, other, params)));
-            }
-        });
+        leaves.par_iter_mut().zip(&draft.leaves).with_min_len(64).with_max_len(8 * JOB).for_each(
+            |(looked, leaf)| {
+                let at = around(draft, leaf, values);
+                if looked.known.judged.is_none_or(|j| j.0 != at) {
+                    looked.known.judged =
+                        Some((at, gain(draft, deposits, leaf, looked.part, &at, other, params)));
+                }
+            },
+        );
         let gain = |looked: &Looked| looked.known.judged.and_then(|j| j.1);
         let mut wanted: Vec<(f32, u32)> = leaves
             .iter()

@@ -112,6 +112,7 @@ impl<'a> Emission<'a> {
         let keys = Keys::new(seed, 0);
         let chunks: Vec<Vec<(f64, f64)>> = (0..PILOT_RAYS / CHUNK)
             .into_par_iter()
+            .with_max_len(1)
             .map(|chunk| {
                 let mut sums = vec![(0.0, 0.0); blocks];
                 let mut harvest = Harvest::default();
@@ -162,6 +163,7 @@ impl<'a> Emission<'a> {
         let keys = Keys::new(seed, 1);
         let chunks: Vec<Harvest> = (range.start / CHUNK..range.end.div_ceil(CHUNK))
             .into_par_iter()
+            .with_max_len(1)
             .map(|chunk| {
                 let mut harvest = Harvest::default();
                 if progress.is_cancelled() {
