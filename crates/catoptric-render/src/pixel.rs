@@ -53,7 +53,7 @@ pub struct Sample {
     pub error: f32,
     /// The first hit.
     pub first: FirstHit,
-    /// Hash of what was met along the whole tree of branches: samples that differ in it straddle an edge.
+    /// Hash of what was met along all but the faintest branches: samples that differ in it straddle an edge.
     pub trail: u32,
 }
 
@@ -121,7 +121,9 @@ impl Eye<'_> {
             },
             |sight| match sight {
                 Sight::Sky { direction, throughput, chain } => {
-                    trail = step(trail, 0, chain.len());
+                    if throughput.max_element() > FAINT {
+                        trail = step(trail, 0, chain.len());
+                    }
                     if let Some(sky) = scene.sky() {
                         let radiance = throughput * sky.radiance(direction).0;
                         light.add(LightLayer::Emission, !chain.is_empty(), radiance);
@@ -135,7 +137,9 @@ impl Eye<'_> {
                     } else {
                         tracer.planes().of(arrival.hit.triangle).0 + 1
                     };
-                    trail = step(trail, facet, arrival.chain.len());
+                    if arrival.throughput.max_element() > FAINT {
+                        trail = step(trail, facet, arrival.chain.len());
+                    }
                     self.see(&arrival, &mut light, &mut shadows, scratch);
                     if let Some(footprint) = footprint {
                         lines += lines::coverage(&self.solution.mesh, &arrival, footprint);
@@ -216,6 +220,9 @@ impl Eye<'_> {
         }
     }
 }
+
+/// Branches of less throughput draw no edges: what is bright enough to be seen through them differs in radiance.
+const FAINT: f32 = 0.03;
 
 /// Keys of shadow rays are children of a sample's key with this number: the pixel's own use small ones.
 const SHADOWS: u32 = 1 << 16;
