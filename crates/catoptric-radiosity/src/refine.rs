@@ -27,17 +27,23 @@ pub struct RefineParams {
 }
 
 /// One quantity that is refined: its values at the draft's vertices, computed on demand.
+///
+/// Where the field is `calm` around a place, a look at it may do, with fewer samples. Samples never decide their own
+/// number alone: those that missed what blocks a little of a lamp would be content.
 pub trait Field: Sync {
-    /// Value at a vertex.
-    fn evaluate(&self, draft: &Draft, vertex: u32) -> Rgb;
+    /// Value at a vertex, and whether it is calm there.
+    fn evaluate(&self, draft: &Draft, vertex: u32, calm: bool) -> (Rgb, bool);
     /// Value at barycentric weights inside a leaf.
-    fn evaluate_inside(&self, draft: &Draft, leaf: u32, weights: [f32; 3]) -> Rgb;
+    fn evaluate_inside(&self, draft: &Draft, leaf: u32, weights: [f32; 3], calm: bool) -> Rgb;
 }
 
 /// Values of all vertices made so far.
+#[derive(Default)]
 pub struct Values {
     /// Per draft vertex.
     pub values: Vec<Rgb>,
+    /// Per draft vertex: whether the field is calm there. Nothing is known of those that others sample for.
+    pub calm: Vec<bool>,
     /// Which of them are evaluated for others.
     pub sharing: Sharing,
 }
@@ -51,21 +57,43 @@ impl Values {
         progress: &dyn Progress,
     ) -> Result<(), Cancelled> {
         use rayon::prelude::*;
-        let first = self.values.len() as u32;
-        let fresh: Vec<Rgb> = (first..draft.vertices.len() as u32)
+        let first = self.values.len();
+        let look = |vertex: u32, calm: bool| {
+            let asked = self.sharing.is_asked(vertex) && !progress.is_cancelled();
+            if asked { field.evaluate(draft, vertex, calm) } else { (Rgb::ZERO, false) }
+        };
+        // Those of the base mesh have no parents to ask: a look at each, then another at those beside what is not calm.
+        let is_calm = |vertex: u32| match draft.vertices[vertex as usize].parents {
+            Some(parents) => parents.iter().all(|&v| self.calm.get(v as usize) == Some(&true)),
+            None => true,
+        };
+        let mut fresh: Vec<(Rgb, bool)> = (first as u32..draft.vertices.len() as u32)
             .into_par_iter()
             .with_min_len(16)
             .with_max_len(JOB)
-            .map(|vertex| {
-                let asked = self.sharing.is_asked(vertex) && !progress.is_cancelled();
-                if asked { field.evaluate(draft, vertex) } else { Rgb::ZERO }
-            })
+            .map(|vertex| look(vertex, is_calm(vertex)))
             .collect();
+        if first == 0 {
+            let mut beside = vec![false; fresh.len()];
+            for (a, b) in draft.edges() {
+                for (a, b) in [(a as usize, b as usize), (b as usize, a as usize)] {
+                    beside[a] |= fresh[a].1 && !fresh[b].1;
+                }
+            }
+            fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(
+                |(vertex, found)| {
+                    if beside[vertex] {
+                        *found = look(vertex as u32, false);
+                    }
+                },
+            );
+        }
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
         progress.advance(fresh.len() as u64);
-        self.values.extend(fresh);
+        self.values.extend(fresh.iter().map(|f| f.0));
+        self.calm.extend(fresh.iter().map(|f| f.1));
         if first == 0 {
             self.fill();
         }
@@ -107,7 +135,7 @@ impl Values {
             .par_iter()
             .with_min_len(16)
             .with_max_len(JOB)
-            .map(|&v| if progress.is_cancelled() { Rgb::ZERO } else { field.evaluate(draft, v) })
+            .map(|&v| if progress.is_cancelled() { Rgb::ZERO } else { field.evaluate(draft, v, false).0 })
             .collect();
         if progress.is_cancelled() {
             return Err(Cancelled);
@@ -236,12 +264,13 @@ fn test_inside(
             let shared = leaf.vertices.iter().all(|&v| values.sharing.shares(v));
             let fine = if shared { 2.0 * values.sharing.cell() } else { 0.0 };
             let tested = if longest > params.inside_edge.max(fine) { &INSIDE[..] } else { &[] };
+            let calm = leaf.vertices.iter().all(|&v| values.calm[v as usize]);
             let worst = tested
                 .iter()
                 .map(|weights| {
                     let foretold =
                         corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
-                    let found = field.evaluate_inside(draft, index as u32, *weights);
+                    let found = field.evaluate_inside(draft, index as u32, *weights, calm);
                     let light = (found + foretold) * 0.5 + Rgb::splat(floor);
                     ((found - foretold).abs() / light).max_element()
                 })

@@ -204,7 +204,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let base_vertices = draft.vertices.len();
     let budget = SHARED_PER_TRIANGLE * params.base_triangles;
     let sharing = Sharing::new(&draft, spacing, SOURCE_CELL * spacing, budget, &[]);
-    let mut values = Values { values: Vec::new(), sharing };
+    let mut values = Values { sharing, ..Values::default() };
     let source_params = RefineParams {
         min_edge: tracer.diagonal() / 2000.0,
         inside_edge: INSIDE_EDGE * spacing,
@@ -222,7 +222,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
             direct: sum.direct + light.direct * weight,
             mirrored: sum.mirrored + light.mirrored * weight,
             punctual: sum.punctual + light.punctual * weight,
-            rays: 0,
+            ..SourceLight::default()
         })
     });
     let displayed = draft.display(tracer);

@@ -22,6 +22,8 @@ pub(crate) struct SourceLight {
     pub(crate) direct: Rgb,
     pub(crate) mirrored: Rgb,
     pub(crate) punctual: Rgb,
+    /// No source is partly blocked, as far as the samples tell.
+    pub(crate) calm: bool,
     /// Shadow rays that it took.
     pub(crate) rays: u32,
 }
@@ -61,12 +63,13 @@ impl<'a> SourceField<'a> {
         (known, asked)
     }
 
-    fn light(&self, receiver: &Receiver, rays: u32, key: Key) -> SourceLight {
+    /// Light of the sources. Where the surroundings are calm few samples do, unless they see that it is not.
+    fn light(&self, receiver: &Receiver, calm: bool, key: Key) -> SourceLight {
         let mut scratch = Scratch::default();
-        let mut light = SourceLight::default();
+        let mut light = SourceLight { calm: true, ..SourceLight::default() };
         if self.lights.has_sources() {
-            light.direct = self.lights.direct(receiver, rays, key, &mut scratch).irradiance;
-            light.mirrored = self.lights.mirrored(receiver, rays, key.child(1), &mut scratch).irradiance;
+            ([light.direct, light.mirrored], light.calm) =
+                area_sources(self.lights, receiver, self.params.shadow_rays, calm, key, &mut scratch);
         }
         let punctual = self.lights.punctual(receiver, &mut scratch);
         light.punctual = punctual.direct + punctual.mirrored;
@@ -75,23 +78,52 @@ impl<'a> SourceField<'a> {
     }
 }
 
+/// Shadow rays where the surroundings are calm.
+const CALM_RAYS: u32 = 4;
+/// Key of the look that they are.
+const CALM_KEY: u32 = 1 << 20;
+
+/// Direct and mirrored light of area sources by `rays` per source and chain, or by few where the surroundings are `calm`
+/// and it turns out so here; and whether it does.
+fn area_sources(
+    lights: &Lights,
+    receiver: &Receiver,
+    rays: u32,
+    calm: bool,
+    key: Key,
+    scratch: &mut Scratch,
+) -> ([Rgb; 2], bool) {
+    let look = |rays: u32, key: Key, scratch: &mut Scratch| {
+        let direct = lights.direct(receiver, rays, key, scratch);
+        let mirrored = lights.mirrored(receiver, rays, key.child(1), scratch);
+        ([direct.irradiance, mirrored.irradiance], direct.even && mirrored.even)
+    };
+    if calm && rays > CALM_RAYS {
+        let found = look(CALM_RAYS, key.child(CALM_KEY), scratch);
+        if found.1 {
+            return found;
+        }
+    }
+    look(rays, key, scratch)
+}
+
 impl Field for SourceField<'_> {
-    fn evaluate(&self, draft: &Draft, vertex: u32) -> Rgb {
+    fn evaluate(&self, draft: &Draft, vertex: u32, calm: bool) -> (Rgb, bool) {
         let receiver = draft.receiver(self.lights.tracer(), vertex);
         let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
-        let light = self.light(&receiver, self.params.shadow_rays, key);
+        let light = self.light(&receiver, calm, key);
         if let Ok(mut found) = self.found.lock() {
             found.push((vertex, light));
         }
-        light.sum()
+        (light.sum(), light.calm)
     }
 
-    fn evaluate_inside(&self, draft: &Draft, leaf: u32, weights: [f32; 3]) -> Rgb {
+    fn evaluate_inside(&self, draft: &Draft, leaf: u32, weights: [f32; 3], calm: bool) -> Rgb {
         let receiver = draft.receiver_in_leaf(self.lights.tracer(), leaf, weights);
         let entity =
             u64::from(leaf) << 3 | (weights[0].to_bits() ^ weights[1].to_bits()) as u64 & 7 | 1 << 44;
         let key = Key::new(self.params.seed, Purpose::Emitter, entity);
-        self.light(&receiver, self.params.shadow_rays, key).sum()
+        self.light(&receiver, calm, key).sum()
     }
 }
 
@@ -123,6 +155,8 @@ pub(crate) fn fit_sources(
     let sums: Vec<Rgb> = sources.iter().map(SourceLight::sum).collect();
     let floor = (params.sources.floor * mean(draft, &sums)).max(f32::MIN_POSITIVE);
     let mut samples: Vec<FitSample> = Vec::new();
+    // Whether all that is known around each of them is calm.
+    let mut calm: Vec<bool> = Vec::new();
     // The middles of edges that refinement has looked at and left whole are samples already: with their three middles,
     // elements know all quadratic light (the midpoint rule). Where light is uneven, points inside are asked besides.
     let mut middles: Vec<(FitSample, u32)> = Vec::new();
@@ -138,6 +172,7 @@ pub(crate) fn fit_sources(
         };
         let first = middles.len();
         let (mut least, mut most) = (Rgb::INFINITY, Rgb::ZERO);
+        let mut calm_around = corners.iter().all(|&v| sources[v as usize].calm);
         for (k, &corner) in corners.iter().enumerate() {
             let middle = draft.known_midpoint(corner, corners[(k + 1) % 3]).filter(|&m| asked[m as usize]);
             for light in
@@ -147,12 +182,14 @@ pub(crate) fn fit_sources(
             }
             let mut weights = [0.5; 3];
             weights[(k + 2) % 3] = 0.0;
+            calm_around &= middle.is_none_or(|m| sources[m as usize].calm);
             middles.extend(middle.map(|m| (FitSample { element, weights, area }, m)));
         }
         let even = ((most - least) / (0.5 * (most + least) + Rgb::splat(floor))).max_element() < EVEN;
         let count = if even && middles.len() == first + 3 { 0 } else { count };
         let share = area / (count as usize + middles.len() - first).max(1) as f32;
         middles[first..].iter_mut().for_each(|m| m.0.area = share);
+        calm.extend((0..count).map(|_| calm_around));
         samples.extend((0..count).map(|index| {
             let weights = drawn_inside(triangle_point(key.point2(index)));
             FitSample { element, weights, area: share }
@@ -160,17 +197,18 @@ pub(crate) fn fit_sources(
     }
     let mut found: Vec<(Rgb, Rgb)> = samples
         .par_iter()
+        .zip(&calm)
         .enumerate()
         .with_min_len(JOB)
         .with_max_len(JOB)
-        .map_init(Scratch::default, |scratch, (index, sample)| {
+        .map_init(Scratch::default, |scratch, (index, (sample, &calm))| {
             if progress.is_cancelled() {
                 return (Rgb::ZERO, Rgb::ZERO);
             }
             let receiver = draft.receiver_inside(tracer, displayed, sample.element, sample.weights);
             let key = Key::new(params.seed, Purpose::Emitter, index as u64 | 1 << 40);
-            let direct = lights.direct(&receiver, params.fit_rays, key, scratch).irradiance;
-            let mirrored = lights.mirrored(&receiver, params.fit_rays, key.child(1), scratch).irradiance;
+            let ([direct, mirrored], _) =
+                area_sources(lights, &receiver, params.fit_rays, calm, key, scratch);
             (direct, mirrored)
         })
         .collect();

@@ -75,7 +75,7 @@ struct Standpoint<'a> {
 const LAMPS: u32 = 0x8000;
 
 /// Irradiance with what its shadow rays saw.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SourceIrradiance {
     /// The irradiance.
     pub irradiance: Rgb,
@@ -83,6 +83,14 @@ pub struct SourceIrradiance {
     pub unoccluded: Rgb,
     /// Some strata were visible and some were not.
     pub partial: bool,
+    /// Each source was wholly visible, or wholly blocked, or equally thinned, as far as the samples tell: more of them
+    /// would hardly tell more.
+    pub even: bool,
+}
+
+impl SourceIrradiance {
+    /// No source.
+    const DARK: Self = Self { irradiance: Rgb::ZERO, unoccluded: Rgb::ZERO, partial: false, even: true };
 }
 
 impl<'a> Lights<'a> {
@@ -163,7 +171,7 @@ impl<'a> Lights<'a> {
         key: Key,
         scratch: &mut Scratch,
     ) -> SourceIrradiance {
-        let mut sum = SourceIrradiance::default();
+        let mut sum = SourceIrradiance::DARK;
         let (position, normal) = (receiver.position.as_dvec3(), receiver.normal.as_dvec3());
         for (index, chain) in self.chains.chains().iter().enumerate() {
             let Some(image) = self.chains.unfold(chain, position, normal, receiver.geometric.as_dvec3())
@@ -176,6 +184,7 @@ impl<'a> Lights<'a> {
             sum.irradiance += part.irradiance;
             sum.unoccluded += part.unoccluded;
             sum.partial |= part.partial;
+            sum.even &= part.even;
         }
         sum
     }
@@ -197,7 +206,7 @@ impl<'a> Lights<'a> {
     }
 
     fn over(&self, at: Standpoint, samples: u32, key: Key, scratch: &mut Scratch) -> SourceIrradiance {
-        let mut result = SourceIrradiance::default();
+        let mut result = SourceIrradiance::DARK;
         let mut tally = Tally::default();
         let mut found = std::mem::take(&mut scratch.found);
         self.gather(at, samples, &mut found, &mut scratch.seeker);
@@ -217,6 +226,7 @@ impl<'a> Lights<'a> {
                 let key = key.child(index as u32);
                 result.irradiance += self.strata(at, &target, count, key, scratch, &mut tally);
                 result.unoccluded += target.irradiance();
+                tally.next_target();
             }
             for (index, part) in found.lamps.iter().enumerate() {
                 let expected = (part.weight * share).ceil() as u32;
@@ -226,9 +236,11 @@ impl<'a> Lights<'a> {
                 let key = key.child(LAMPS + index as u32);
                 result.irradiance += self.strata(at, &target, count, key, scratch, &mut tally);
                 result.unoccluded += target.irradiance();
+                tally.next_target();
             }
             let total = leftover + found.groups();
             if total > 0.0 {
+                tally.mixed();
                 let part = self.shared(at, &found, (total, share, samples), key, scratch, &mut tally);
                 result.irradiance += part.irradiance;
                 result.unoccluded += part.unoccluded;
@@ -236,11 +248,13 @@ impl<'a> Lights<'a> {
         }
         scratch.found = found;
         if !self.bright.is_empty() {
+            tally.mixed();
             let part = self.bright_part(at, samples, key, scratch, &mut tally);
             result.irradiance += part.irradiance;
             result.unoccluded += part.unoccluded;
         }
         result.partial = tally.is_partial();
+        result.even = tally.is_even();
         result
     }
 }

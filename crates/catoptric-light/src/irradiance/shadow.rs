@@ -182,6 +182,9 @@ impl Lights<'_> {
     ) -> Rgb {
         let Standpoint { receiver, chain, image } = at;
         let textured = target.cell.filter(|cell| cell.textured);
+        if textured.is_some() {
+            tally.mixed();
+        }
         let lobed = target.cell.filter(|cell| !cell.lobe.is_diffuse());
         let free = count > 1 && self.is_free(at, target.corners, target.to);
         if free && chain.is_none() && textured.is_none() && self.is_plain(receiver) {
@@ -241,7 +244,7 @@ impl Lights<'_> {
         tally: &mut Tally,
     ) -> SourceIrradiance {
         let (receiver, image) = (at.receiver, at.image);
-        let mut result = SourceIrradiance::default();
+        let mut result = SourceIrradiance::DARK;
         let count = ((total * share).ceil() as u32).clamp(4.min(samples.max(1)), samples.max(1));
         let step = total / f64::from(count);
         let key = key.child(0xffff);
@@ -357,7 +360,7 @@ impl Lights<'_> {
         tally: &mut Tally,
     ) -> SourceIrradiance {
         let (receiver, image) = (at.receiver, at.image);
-        let mut result = SourceIrradiance::default();
+        let mut result = SourceIrradiance::DARK;
         let Some(Sky::Image(map)) = self.tracer.scene().sky() else { return result };
         let mut texels = std::mem::take(&mut scratch.texels);
         texels.clear();
@@ -421,16 +424,46 @@ fn place_in_lobe(cell: &Cell, piece: &Piece, image: &Unfolded, (u, v): (f64, f64
     chosen
 }
 
-/// Whether some samples were seen and some not.
-#[derive(Clone, Copy, Debug, Default)]
+/// Shares of the samples of a target that differ by less than this, relative, count as equal.
+const EQUAL: f32 = 0.05;
+
+/// What the samples of the targets saw.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Tally {
     seen: bool,
     missed: bool,
+    uneven: bool,
+    /// Of the present target.
+    least: f32,
+    most: f32,
+}
+
+impl Default for Tally {
+    fn default() -> Self {
+        Self { seen: false, missed: false, uneven: false, least: f32::INFINITY, most: 0.0 }
+    }
 }
 
 impl Tally {
+    /// Some samples were seen and some not.
     pub(super) fn is_partial(self) -> bool {
         self.seen && self.missed
+    }
+
+    /// All samples of a target saw the same, of each target.
+    pub(super) fn is_even(self) -> bool {
+        !self.uneven
+    }
+
+    /// What follows is another target.
+    pub(super) fn next_target(&mut self) {
+        self.uneven |= self.most - self.least > EQUAL * self.most;
+        (self.least, self.most) = (f32::INFINITY, 0.0);
+    }
+
+    /// Samples of different things: what they see tells nothing about what others would.
+    pub(super) fn mixed(&mut self) {
+        self.uneven = true;
     }
 
     #[inline]
@@ -440,5 +473,8 @@ impl Tally {
         } else {
             self.seen = true;
         }
+        let share = share.max_element();
+        self.least = self.least.min(share);
+        self.most = self.most.max(share);
     }
 }
