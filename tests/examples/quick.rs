@@ -2,8 +2,8 @@
 //!
 //! `cargo run --profile fast -p catoptric-tests --example quick -- SCENE.glb OUT.exr [draft|standard|high] [layers]`
 //!
-//! Variables of the environment replace budgets of pass one: `BASE`, `ROWS`, `GATHER`, `VERT`, `TOL`, `MAXV`, `SHADOW`,
-//! `NEAR`, `DETAIL`, `DROUNDS`, `ROUNDS`, `NOISE`, `SMOOTH`, `POINTS`, `FITP`, `FITR`, `LIGHT` and `SEED` (see [`SolveParams`]).
+//! Variables of the environment replace budgets of pass one: `BASE`, `ROWS`, `GATHER`, `VERT`, `TOL`, `BLUR`, `MAXV`, `SHADOW`,
+//! `NEAR`, `DETAIL`, `DROUNDS`, `ROUNDS`, `SMOOTH`, `POINTS`, `FITP`, `FITR`, `LIGHT` and `SEED` (see [`SolveParams`]), `NOISE` and `EDGE` (see [`RenderParams`]).
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -68,6 +68,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let view = RenderParams::for_quality(quality, width, camera.height_for_width(width));
     let mut view = RenderParams { layers, ..view };
     view.noise = std::env::var("NOISE").ok().and_then(|v| v.parse().ok()).unwrap_or(view.noise);
+    view.edge_samples = std::env::var("EDGE").ok().and_then(|v| v.parse().ok()).unwrap_or(view.edge_samples);
     let rendered = render(&tracer, &solved.solution, camera, &view, &progress).map_err(|_| "stopped")?;
     progress.begin("write", 1);
     rendered.image.write_exr(Path::new(output))?;
@@ -90,6 +91,7 @@ fn budgets(quality: Quality) -> SolveParams {
     count("VERT", &mut params.vertex_rays);
     share("PRIOR", &mut params.gather_fit.prior);
     share("TOL", &mut params.sources.tolerance);
+    share("BLUR", &mut params.sources.blur);
     size("MAXV", &mut params.sources.max_vertices);
     count("SHADOW", &mut params.shadow_rays);
     params.fit_rays = value("SHADOW").map_or(params.fit_rays, |v| v as u32);

@@ -20,6 +20,9 @@ pub struct RefineParams {
     pub inside_rounds: u32,
     /// Triangles with shorter edges are not tested inside, metres.
     pub inside_edge: f32,
+    /// Edges whose relative difference times length is below this are left alone, metres: sharp shadows are followed
+    /// into small triangles, soft ones and the noise of few shadow rays are not.
+    pub blur: f32,
     /// Vertices at most.
     pub max_vertices: usize,
     /// Edges shorter than this are left alone, metres.
@@ -199,7 +202,8 @@ pub fn refine(
                 let light = (middle + p + q) / 3.0 + Rgb::splat(floor);
                 let relative = (error / light).max_element();
                 let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
-                (relative > params.tolerance).then(|| (cost(relative, (y - x).length()), (a, b)))
+                let cost = cost(relative, (y - x).length());
+                (relative > params.tolerance && cost > params.blur * params.blur).then_some((cost, (a, b)))
             })
             .collect();
         if round < params.inside_rounds {
@@ -276,11 +280,12 @@ fn test_inside(
                 })
                 .fold(0.0, f32::max);
             // What a linear interpolant misses at these points is most of what it misses at an edge's middle.
-            let marked = worst > 2.0 * params.tolerance;
+            let cost = cost(worst, longest);
+            let marked = worst > 2.0 * params.tolerance && cost > 4.0 * params.blur * params.blur;
             let vertices = leaf.vertices;
             (0..if marked { 3 } else { 0 }).map(move |k| {
                 let (a, b) = (vertices[k], vertices[(k + 1) % 3]);
-                (cost(worst, longest), (a.min(b), a.max(b)))
+                (cost, (a.min(b), a.max(b)))
             })
         })
         .collect()

@@ -34,7 +34,7 @@ pub struct SolveParams {
     pub seed: u32,
     /// Base triangles that the diffuse surfaces are cut into, about.
     pub base_triangles: usize,
-    /// Refinement for the light of sources.
+    /// Refinement for the light of sources; its blur is a multiple of the base edge length.
     pub sources: RefineParams,
     /// Shadow rays per vertex.
     pub shadow_rays: u32,
@@ -70,16 +70,15 @@ pub struct SolveParams {
 impl SolveParams {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality) -> Self {
-        let (base_triangles, max_vertices, tolerance, shadow_rays, row_rays, gather_rays, near_rounds) =
-            match quality {
-                Quality::Draft => (700, 5_000, 0.06, 16, 64, 48, 1),
-                Quality::Standard => (1_200, 4_500, 0.02, 16, 64, 128, 2),
-                Quality::High => (3_500, 14_000, 0.008, 32, 128, 256, 3),
-            };
-        let inside_rounds = match quality {
-            Quality::Draft => 0,
-            Quality::Standard => 1,
-            Quality::High => 2,
+        let (base_triangles, row_rays, gather_rays, near_rounds, detail_rounds) = match quality {
+            Quality::Draft => (700, 64, 96, 1, 2),
+            Quality::Standard => (1_200, 64, 128, 2, 4),
+            Quality::High => (3_500, 128, 256, 3, 5),
+        };
+        let (max_vertices, tolerance, blur, shadow_rays, inside_rounds) = match quality {
+            Quality::Draft => (5_000, 0.06, 0.06, 16, 0),
+            Quality::Standard => (10_000, 0.02, 0.03, 32, 1),
+            Quality::High => (30_000, 0.008, 0.015, 64, 2),
         };
         Self {
             walk: WalkParams::default(),
@@ -92,11 +91,12 @@ impl SolveParams {
                 rounds: 7,
                 inside_rounds,
                 inside_edge: 0.0,
+                blur,
                 max_vertices,
                 min_edge: 0.0,
             },
             shadow_rays,
-            fit_points: 2,
+            fit_points: 1,
             fit_rays: shadow_rays,
             fit: FitParams::default(),
             row_rays,
@@ -106,7 +106,7 @@ impl SolveParams {
             near: NearParams {
                 ratio: 1.2,
                 rounds: near_rounds,
-                detail_rounds: near_rounds + 2,
+                detail_rounds,
                 detail_share: 1.0,
                 max_details: DETAILS_PER_TRIANGLE * base_triangles,
             },
@@ -208,6 +208,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let source_params = RefineParams {
         min_edge: tracer.diagonal() / 2000.0,
         inside_edge: INSIDE_EDGE * spacing,
+        blur: params.sources.blur * spacing,
         max_vertices: params.sources.max_vertices + base_vertices,
         ..params.sources
     };

@@ -47,7 +47,7 @@ impl CausticParams {
     pub fn for_quality(quality: Quality) -> Self {
         let (max_rays, max_vertices, noise) = match quality {
             Quality::Draft => (1 << 18, 6_000, 0.06),
-            Quality::Standard => (1 << 20, 20_000, 0.039),
+            Quality::Standard => (1 << 20, 20_000, 0.046),
             Quality::High => (1 << 22, 200_000, 0.022),
         };
         Self {
