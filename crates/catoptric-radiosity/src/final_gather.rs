@@ -551,8 +551,14 @@ mod tests {
 
     #[test]
     fn rays_follow_the_deviation_in_steps_of_two() {
-        let rays = |relative: f32| rays_for(128, [1.0, 1.0 + relative * relative], 0.0);
-        assert_eq!([0.0, 0.5, 1.0, 2.0, 9.0].map(rays), [64, 64, 128, 512, 2048]);
+        let beside = |relative: f32, other: f32| rays_for(128, [1.0, 1.0 + relative * relative], other);
+        // In units of the usual deviation: 0, 0.9, 1.8, 3.6, 16.
+        assert_eq!(
+            [0.0, 0.5, 1.0, 2.0, 9.0].map(|relative| beside(relative, 0.0)),
+            [64, 128, 256, 512, 2048]
+        );
+        // Three times as much other light hides three quarters of the deviation.
+        assert_eq!(beside(2.0, 3.0), beside(0.5, 0.0));
         // Where next to nothing arrives, nothing is to be told apart.
         assert_eq!(rays_for(128, [1e-6, 1e-10], 0.1), 64);
         assert_eq!(rays_for(128, [0.0, 0.0], 0.0), 64);
