@@ -16,7 +16,9 @@ ROOT = os.path.dirname(HERE)
 PACKAGES = ['mitsuba==3.9.1', 'numpy', 'matplotlib', 'pyoidn']
 WIDTH = 256
 SCENES = ['cornell_box', 'cornell_mirror', 'mirror_light_shaft', 'ring_caustic', 'glass_sphere', 'interior']
-QUALITIES = ['draft', 'standard', 'high']
+QUALITIES = ['sketch', 'draft', 'standard', 'high']
+# Errors to which both are timed.
+GOAL, GOALS = 1e-3, {'glass_sphere': 3e-3}
 # Lit only by way of mirrors: the path tracer's single samples are so rare that only block means tell its error.
 BLOCKS = {'mirror_light_shaft', 'two_mirrors', 'showcase'}
 # Share of a scene's time for our runs; Mitsuba gets the rest.
@@ -171,6 +173,17 @@ def rival_seconds(rival, key, goal):
     return max(math.exp(constant) / goal, points[-1][0]), True
 
 
+def our_seconds(results, key, goal):
+    """Seconds until our error is `goal`: between two qualities in logarithms; those of the quickest where it is below."""
+    points = [(o['seconds'], o[key]) for o in results if o.get(key, 0) > 0]
+    if points and points[0][1] <= goal:
+        return points[0][0]
+    for (t0, e0), (t1, e1) in zip(points, points[1:]):
+        if e1 <= goal < e0:
+            return t0 * (t1 / t0) ** (math.log(e0 / goal) / math.log(e0 / e1))
+    return None
+
+
 def times(value, ours, extrapolated):
     if value is None:
         return '–', '–'
@@ -201,6 +214,15 @@ def table(results):
                 seconds, extrapolated = rival_seconds(entry['mitsuba'], k, o[k]) if entry['mitsuba'] else (None, False)
                 columns += [number(o[k]), *times(seconds, o['seconds'], extrapolated)]
             lines.append(f'| {scene} | {o["quality"]} | {o["seconds"]:.2f} | {o["cpu"]:.2f} | {o["mb"]:.0f} | {key} | ' + ' | '.join(columns) + ' |')
+    lines += ['', '## To a given error', '',
+              'Ours lies between two qualities in logarithms, or is the quickest quality where that is better than the goal already.', '',
+              '| scene | measure | goal | ours, s | Mitsuba s | ratio |', '|---|---|---|---|---|---|']
+    for scene, entry in results['scenes'].items():
+        key, goal = measure_of(scene), GOALS.get(scene, GOAL)
+        own = our_seconds(entry['ours'], key, goal)
+        seconds, extrapolated = rival_seconds(entry['mitsuba'], key, goal) if entry['mitsuba'] else (None, False)
+        columns = times(seconds, own, extrapolated) if own else (times(seconds, 1, extrapolated)[0], '–')
+        lines.append(f'| {scene} | {key} | {goal:g} | ' + (f'{own:.3f}' if own else '–') + ' | ' + ' | '.join(columns) + ' |')
     lines += ['', '## At equal time, with a denoiser', '',
               'Mitsuba `path` with albedo and normals, then Open Image Denoise (pyoidn): 4, 16 and 64 samples per pixel. Seconds are rendering and '
               'filtering; the first filter call takes longer by the start-up listed below.', '',

@@ -1,6 +1,6 @@
 //! Renders a scene 256 pixels wide and prints the time of every stage: for trying budgets out.
 //!
-//! `cargo run --profile fast -p catoptric-tests --example quick -- SCENE.glb OUT.exr [draft|standard|high] [layers]`
+//! `cargo run --profile fast -p catoptric-tests --example quick -- SCENE.glb OUT.exr [sketch|draft|standard|high] [layers]`
 //!
 //! Variables of the environment replace budgets of pass one: `BASE`, `ROWS`, `GATHER`, `VERT`, `TOL`, `BLUR`, `MAXV`, `SHADOW`,
 //! `NEAR`, `DETAIL`, `DROUNDS`, `ROUNDS`, `SMOOTH`, `POINTS`, `FITP`, `FITR`, `LIGHT` and `SEED` (see [`SolveParams`]), `NOISE` and `EDGE` (see [`RenderParams`]).
@@ -48,9 +48,10 @@ impl Progress for Stopwatch {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [scene, output, rest @ ..] = arguments.as_slice() else {
-        return Err("usage: quick SCENE.glb OUT.exr [draft|standard|high] [layers]".into());
+        return Err("usage: quick SCENE.glb OUT.exr [sketch|draft|standard|high] [layers]".into());
     };
     let quality = match rest.first().map(String::as_str) {
+        Some("sketch") => Quality::Sketch,
         Some("draft") => Quality::Draft,
         Some("high") => Quality::High,
         _ => Quality::Standard,

@@ -71,11 +71,13 @@ impl SolveParams {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality) -> Self {
         let (base_triangles, row_rays, gather_rays, near_rounds, detail_rounds) = match quality {
+            Quality::Sketch => (200, 32, 48, 0, 0),
             Quality::Draft => (700, 64, 96, 1, 2),
             Quality::Standard => (1_200, 64, 128, 2, 4),
             Quality::High => (3_500, 128, 256, 3, 5),
         };
         let (max_vertices, tolerance, blur, shadow_rays, inside_rounds) = match quality {
+            Quality::Sketch => (4_000, 0.1, 0.06, 8, 0),
             Quality::Draft => (5_000, 0.06, 0.06, 16, 0),
             Quality::Standard => (10_000, 0.02, 0.03, 32, 1),
             Quality::High => (30_000, 0.008, 0.015, 64, 2),

@@ -32,6 +32,7 @@ impl ShadowRays {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality) -> Self {
         match quality {
+            Quality::Sketch => Self { first: 2, penumbra: 8 },
             Quality::Draft => Self { first: 4, penumbra: 16 },
             Quality::Standard => Self { first: 8, penumbra: 64 },
             Quality::High => Self { first: 16, penumbra: 256 },

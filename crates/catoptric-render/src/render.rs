@@ -58,10 +58,11 @@ impl RenderParams {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality, width: usize, height: usize) -> Self {
         // At 5e-4 the pixels of a furnace with glass stay within 1e-3; at 2e-3 one in forty does not.
-        let (edge_samples, roulette_below) = match quality {
-            Quality::Draft => (8, 2e-3),
-            Quality::Standard => (16, 5e-4),
-            Quality::High => (64, 5e-4),
+        let (edge_samples, noise, roulette_below) = match quality {
+            Quality::Sketch => (4, 1.0, 5e-3),
+            Quality::Draft => (8, 0.12, 2e-3),
+            Quality::Standard => (16, 0.12, 5e-4),
+            Quality::High => (64, 0.12, 5e-4),
         };
         Self {
             width,
@@ -72,7 +73,7 @@ impl RenderParams {
             seed: 0,
             edge_samples,
             contrast: 0.1,
-            noise: 0.12,
+            noise,
             layers: false,
             mesh: false,
         }

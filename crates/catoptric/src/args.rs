@@ -383,6 +383,8 @@ pub(crate) struct RunArgs {
 /// One word for all budgets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum QualityWord {
+    /// Where lamps and cameras go.
+    Sketch,
     /// A first look.
     Draft,
     /// What one shows.
@@ -394,6 +396,7 @@ pub(crate) enum QualityWord {
 impl QualityWord {
     pub(crate) fn quality(self) -> catoptric_solution::Quality {
         match self {
+            Self::Sketch => catoptric_solution::Quality::Sketch,
             Self::Draft => catoptric_solution::Quality::Draft,
             Self::Standard => catoptric_solution::Quality::Standard,
             Self::High => catoptric_solution::Quality::High,
@@ -402,6 +405,7 @@ impl QualityWord {
 
     pub(crate) fn name(self) -> &'static str {
         match self {
+            Self::Sketch => "sketch",
             Self::Draft => "draft",
             Self::Standard => "standard",
             Self::High => "high",

@@ -34,7 +34,8 @@ pub(crate) struct Estimate {
 /// One estimate per quality.
 pub(crate) fn estimate(scene: &Scene) -> Vec<Estimate> {
     let rate = rays_per_second(scene);
-    [("draft", Quality::Draft), ("standard", Quality::Standard), ("high", Quality::High)]
+    let (sketch, draft) = (("sketch", Quality::Sketch), ("draft", Quality::Draft));
+    [sketch, draft, ("standard", Quality::Standard), ("high", Quality::High)]
         .into_iter()
         .map(|(name, quality)| {
             let params = SolveParams::for_quality(quality);
