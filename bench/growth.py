@@ -7,7 +7,7 @@
 
 Prints a Markdown table, and writes it to --out.  Scenes are made in out/growth.  Method: bench/README.md.
 """
-import argparse, json, math, os, random, subprocess, sys
+import argparse, json, math, os, random, re, subprocess, sys
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(HERE)
@@ -115,9 +115,10 @@ def over_patches(a, folder, say):
             if row is None:
                 say(f'\n{scene} with {base} base triangles: given up after {a.limit} s')
                 break
-            lines = [line.split(None, 2) for line in row['errors'].splitlines() if ' ms ' in line and not line.startswith('total')]
+            # "12.3 ms (23.4 of processors) sources"
+            stages = re.findall(r'^ *([0-9.]+) ms (?:\(.*\) )?(.*)$', row['errors'], re.MULTILINE)
             row.update(n=number(row['errors'], 'patches: '), vertices=number(row['errors'], ' vertices: '), stages={})
-            for milliseconds, _, stage in lines:
+            for milliseconds, stage in stages:
                 row['stages'][stage] = row['stages'].get(stage, 0) + float(milliseconds) / 1e3
             rows.append(row)
         table(say, f'{scene}, `standard`, base triangles {a.patches[0]} to {a.patches[-1]}', 'patches', rows)

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What a first and a second view of every scene cost, at 1280×720 and 256 pixels wide.
 
-    python3 bench/views.py                                               # about ten minutes
+    python3 bench/views.py                                               # about five minutes
     python3 bench/views.py --out bench/runs/2026-11-21-views.md          # where a dated run is kept
 
 Prints a Markdown table, and writes it to --out.  Pictures go to out/views.  Method: bench/README.md.
