@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How time and memory grow with the triangles of a scene and with the patches of the coarse solve.
 
-    python3 bench/growth.py                                              # about half an hour
+    python3 bench/growth.py                                              # about two minutes, on a quiet machine
     python3 bench/growth.py --out bench/runs/2026-11-21-growth.md        # where a dated run is kept
     python3 bench/growth.py --triangles 1000 10000 --qualities draft     # shorter
 
