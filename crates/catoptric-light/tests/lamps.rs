@@ -183,3 +183,38 @@ fn what_is_open_or_dented_or_many_is_no_lamp() {
     };
     assert_eq!(lamps(&many), 0);
 }
+
+/// Four shadow rays tell whether a lamp is seen wholly or not at all, of a weak lamp beside a strong one, too: each of few
+/// has as many of its own.
+#[test]
+fn few_samples_tell_whether_each_lamp_is_seen_evenly() {
+    let look = |hidden: Option<(f32, f32)>| {
+        let mut parts = SceneParts::default();
+        let (glow, plate) = (glowing(&mut parts), white(&mut parts));
+        parts.add_box("strong", glow, Vec3::new(-1.5, 2.0, -0.5), Vec3::new(-0.5, 2.5, 0.5), false);
+        parts.add_box("weak", glow, Vec3::new(1.0, 2.0, -0.1), Vec3::new(1.2, 2.2, 0.1), false);
+        if let Some((from, to)) = hidden {
+            parts.add_quad("plate", plate, Vec3::new(0.3, 1.0, from), Vec3::X * 0.5, Vec3::Z * (to - from));
+        }
+        parts.add_quad("scrap", plate, Vec3::Y * -50.0, Vec3::Z, Vec3::X);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let lights = Lights::new(&tracer, LightParams::default());
+        assert_eq!(lights.emitters().lamps().len(), 2);
+        let receiver = receiver(&tracer, Vec3::ZERO, Vec3::Y);
+        let mut scratch = Scratch::default();
+        let found: Vec<_> = (0..100)
+            .map(|k| lights.direct(&receiver, 4, Key::new(k, Purpose::Test, 0), &mut scratch))
+            .collect();
+        (found.iter().filter(|f| f.even).count(), found[0].irradiance.x)
+    };
+    let (even, open) = look(None);
+    assert_eq!(even, 100);
+    let (even, dark) = look(Some((-0.3, 0.3)));
+    assert_eq!(even, 100);
+    // So weak that in proportion it would get one ray of the four.
+    assert!(dark < open && dark > 0.75 * open, "{dark} of {open}");
+    // Four independent samples of a half agree with probability 2/16: of 100 trials 12.5 ± 3.3. Three deviations more.
+    let even = look(Some((0.0, 0.3))).0;
+    assert!(even <= 22, "{even} of 100");
+}

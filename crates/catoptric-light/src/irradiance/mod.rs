@@ -232,8 +232,10 @@ impl<'a> Lights<'a> {
             }
             for (index, part) in found.lamps.iter().enumerate() {
                 let expected = (part.weight * share).ceil() as u32;
-                let count =
-                    if expected < 2 { 1 } else { expected.clamp(4, samples.max(4)).next_power_of_two() };
+                let count = match expected {
+                    ..2 if !found.is_few() => 1,
+                    _ => expected.clamp(4, samples.max(4)).next_power_of_two(),
+                };
                 let target = Target::lamp(part, &found.corners, &self.emitters);
                 let key = key.child(LAMPS + index as u32);
                 result.irradiance += self.strata(at, &target, count, key, scratch, &mut tally);

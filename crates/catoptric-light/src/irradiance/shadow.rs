@@ -182,7 +182,8 @@ impl Lights<'_> {
     ) -> Rgb {
         let Standpoint { receiver, chain, image } = at;
         let textured = target.cell.filter(|cell| cell.textured);
-        if textured.is_some() {
+        // One sample agrees with itself.
+        if textured.is_some() || count == 1 {
             tally.mixed();
         }
         let lobed = target.cell.filter(|cell| !cell.lobe.is_diffuse());
