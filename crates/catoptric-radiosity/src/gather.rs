@@ -1,11 +1,12 @@
 //! The final gather: irradiance at a point by hemisphere rays that follow S* chains, and what they saw on the way.
 //!
-//! Malley's mapping of a scrambled (0,2)-sequence: each ray carries π/N of the incoming radiance.
+//! Malley's mapping of a scrambled (0,2)-sequence: each ray carries π/N of the incoming radiance, less where a guide sends
+//! more rays.
 
 use std::f32::consts::PI;
 use std::ops::Range;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use catoptric_light::{Lights, Owner, PathClass, Receiver};
 use catoptric_scene::{Rgb, Side, TriangleId};
@@ -13,6 +14,8 @@ use catoptric_solution::DisplayMesh;
 use catoptric_trace::sequence::{Key, cosine_hemisphere, frame};
 use catoptric_trace::walk::{self, Arrival, End, WalkParams};
 use catoptric_trace::{Chain, Hit, Ledger, MediumId, MediumStack, Ray, Tracer};
+
+use crate::guide::Guide;
 
 /// Irradiance that hemisphere rays found, by the class of the path from its source.
 #[derive(Clone, Copy, Debug, Default)]
@@ -27,8 +30,6 @@ pub struct Gathered {
     pub indirect: Rgb,
     /// Where the power went, if the rays were sent from here.
     pub ledger: Ledger,
-    /// Mean, and mean square, of what single rays found: the sum of all classes and channels, times π.
-    pub moments: [f32; 2],
 }
 
 /// Diffuse light of the scene as gathers see it: irradiance at the vertices of a display mesh.
@@ -87,17 +88,20 @@ pub fn gather(
     key: Key,
     params: &WalkParams,
 ) -> Gathered {
-    gather_part(lights, light, receiver, 0..rays, key, params)
+    gather_part(lights, light, receiver, 0..rays, None, key, params, |_, _| ())
 }
 
-/// Gathers at a receiver with some rays of a sequence: what they find alone.
+/// Gathers at a receiver with some rays of a sequence, sent as `guide` wants: what they find alone. `note` is told the point
+/// of the unit square that each ray came from and the radiance that it found, all channels.
 pub fn gather_part(
     lights: &Lights,
     light: &DiffuseLight,
     receiver: &Receiver,
     part: Range<u32>,
+    guide: Option<&Guide>,
     key: Key,
     params: &WalkParams,
+    mut note: impl FnMut(Vec2, f32),
 ) -> Gathered {
     let tracer = lights.tracer();
     let mut result = Gathered::default();
@@ -107,17 +111,22 @@ pub fn gather_part(
     // Broad emitters: their unoccluded irradiance is known exactly and serves as control variate.
     let controlled = !coated && receiver.media == MediumStack::AIR && !lights.emitters().broad().is_empty();
     let mut halves = [Half::default(); 2];
-    let (mut before, mut squares) = (Rgb::ZERO, 0.0_f32);
+    let (mut before, mut shares) = (Rgb::ZERO, 0.0_f32);
     let rays = part.len() as u32;
     for index in part.clone() {
-        let local = cosine_hemisphere(key.point2(index));
+        let point = key.point2(index);
+        // What the ray counts, beside π/N.
+        let (point, share) = guide.map_or((point, 1.0), |guide| guide.warp(point));
+        shares += share;
+        let local = cosine_hemisphere(point);
         let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
         if direction.dot(receiver.geometric) <= 0.0 {
             // Below the surface itself: nothing arrives.
-            ledger.absorbed += Rgb::ONE.as_dvec3();
+            ledger.absorbed += Rgb::splat(share).as_dvec3();
+            note(point, 0.0);
             continue;
         }
-        let weight = if coated { receiver.coat.transmittance(local.z) } else { 1.0 };
+        let weight = share * if coated { receiver.coat.transmittance(local.z) } else { 1.0 };
         let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
         let end = walk::choose(
             tracer,
@@ -153,25 +162,27 @@ pub fn gather_part(
         let total = result.total();
         let found = total - before;
         before = total;
-        squares += found.element_sum().powi(2);
+        let single = found.element_sum() / share;
+        note(point, single);
         if controlled {
             let control = lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
             let half = usize::from(2 * (index - part.start) >= rays);
-            halves[half].add(found, control);
+            halves[half].add(single, control, share);
         }
     }
     let each = PI / rays.max(1) as f32;
-    result.moments = [before.element_sum() * each, squares * each * PI];
     for sum in [&mut result.direct, &mut result.mirrored, &mut result.caustic, &mut result.indirect] {
         *sum *= each;
+    }
+    if let Some(guide) = guide {
+        result.add(guide.expected(), 1.0 - shares / rays.max(1) as f32);
     }
     if controlled {
         let exact = lights.broad_unoccluded(receiver);
         // Each half is corrected with the coefficient of the other, so that no sample decides its own weight.
         for (own, other) in [(0, 1), (1, 0)] {
-            let share = halves[own].count / rays.max(1) as f32;
-            let found = halves[own].control * (PI / halves[own].count.max(1.0));
-            result.direct += (exact - found) * (halves[other].coefficient() * share);
+            let missing = exact * (halves[own].weight / rays.max(1) as f32) - halves[own].control * each;
+            result.direct += missing * halves[other].coefficient();
         }
     }
     result.ledger = ledger;
@@ -181,26 +192,28 @@ pub fn gather_part(
 /// Sums over half of the rays of a gather, for the control variate.
 #[derive(Clone, Copy, Debug, Default)]
 struct Half {
-    count: f32,
+    /// Σ w: the number of rays where no guide changes what they count.
+    weight: f32,
+    /// Σ wg.
     control: Rgb,
-    /// Σ f, Σ g, Σ fg, Σ g² of the summed channels.
+    /// Σ wf, Σ wg, Σ wfg, Σ wg² of the summed channels.
     moments: [f64; 4],
 }
 
 impl Half {
     #[inline]
-    fn add(&mut self, found: Rgb, control: Rgb) {
-        let (f, g) = (f64::from(found.element_sum()), f64::from(control.element_sum()));
-        self.count += 1.0;
-        self.control += control;
+    fn add(&mut self, found: f32, control: Rgb, weight: f32) {
+        let (f, g) = (f64::from(found), f64::from(control.element_sum()));
+        self.weight += weight;
+        self.control += control * weight;
         for (sum, value) in self.moments.iter_mut().zip([f, g, f * g, g * g]) {
-            *sum += value;
+            *sum += value * f64::from(weight);
         }
     }
 
     /// Cov(f, g)/Var(g): 1 where the broad emitters are all there is, 0 in a furnace, where every ray finds the same.
     fn coefficient(&self) -> f32 {
-        let n = f64::from(self.count.max(1.0));
+        let n = f64::from(self.weight.max(1.0));
         let [f, g, fg, gg] = self.moments.map(|m| m / n);
         let variance = gg - g * g;
         if variance > 1e-6 * gg { ((fg - f * g) / variance).clamp(0.0, 1.0) as f32 } else { 1.0 }
@@ -215,9 +228,6 @@ impl Gathered {
         self.mirrored += other.mirrored * share;
         self.caustic += other.caustic * share;
         self.indirect += other.indirect * share;
-        for (own, other) in self.moments.iter_mut().zip(other.moments) {
-            *own += other * share;
-        }
     }
 
     /// The light of this gather and another, of which this one counts by a share; ledgers stay apart.

@@ -2,6 +2,7 @@
 //!
 //! Does not know cameras or images.
 
+mod allocation;
 pub mod caustic;
 pub mod coarse;
 pub mod contact;
@@ -12,6 +13,8 @@ mod final_gather;
 pub mod fit;
 pub mod frames;
 pub mod gather;
+pub mod guide;
+mod hats;
 pub mod media;
 pub mod method;
 pub mod near;

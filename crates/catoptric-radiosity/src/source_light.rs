@@ -10,8 +10,8 @@ use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 
 use crate::JOB;
+use crate::allocation::HIDDEN_TRUST;
 use crate::draft::{Displayed, Draft, drawn_inside};
-use crate::final_gather::HIDDEN_TRUST;
 use crate::fit::{FitParams, FitSample, fit};
 use crate::refine::{Field, mean};
 use crate::solve::SolveParams;
