@@ -245,7 +245,8 @@ pub(crate) fn final_gather(
     };
     let (mut vertex_rays, mut trust) = vertex_budgets(draft, &displayed, hidden, params, whole);
     for (i, &v) in displayed.origin.iter().enumerate().filter(|(_, v)| sharing.shares(**v)) {
-        vertex_rays[i] = if sharing.is_asked(v) { params.vertex_rays } else { 0 };
+        // What they find is only looked at: those that sample for others gather again below.
+        vertex_rays[i] = if sharing.is_asked(v) { params.vertex_rays.div_ceil(3) } else { 0 };
         trust[i] = SHARED_TRUST;
     }
     // Half of the rays first, then where to, and as many as, the neighbours' halves call for. A vertex's own rays have no

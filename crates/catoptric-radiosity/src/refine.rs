@@ -27,6 +27,9 @@ pub struct RefineParams {
     pub max_vertices: usize,
     /// Edges shorter than this are left alone, metres.
     pub min_edge: f32,
+    /// Edges of the author's mesh shorter than this are only looked at where their ends differ by what would not be left
+    /// alone in their middle, metres.
+    pub short_edge: f32,
 }
 
 /// One quantity that is refined: its values at the draft's vertices, computed on demand.
@@ -185,8 +188,14 @@ pub fn refine(
             return Ok(());
         }
         candidates.retain(|&(a, b)| {
-            let [p, q] = [a, b].map(|v| draft.vertices[v as usize].position);
-            (q - p).length() > params.min_edge
+            let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
+            let length = (y - x).length();
+            if round > 0 || length > params.short_edge {
+                return length > params.min_edge;
+            }
+            let [p, q] = [a, b].map(|v| values.values[v as usize]);
+            let light = (p + q) * 0.5 + Rgb::splat(floor);
+            cost(((q - p).abs() * 0.5 / light).max_element(), length) > params.blur * params.blur
         });
         // Both ends dark and the whole face dark: still look, a light patch may lie between.
         for &(a, b) in &candidates {

@@ -70,11 +70,11 @@ pub struct SolveParams {
 impl SolveParams {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality) -> Self {
-        let (base_triangles, row_rays, gather_rays, near_rounds, detail_rounds) = match quality {
-            Quality::Sketch => (200, 32, 48, 0, 0),
-            Quality::Draft => (700, 64, 96, 1, 2),
-            Quality::Standard => (1_200, 64, 128, 2, 4),
-            Quality::High => (3_500, 128, 256, 3, 5),
+        let (base_triangles, row_rays, vertex_rays, gather_rays, near_rounds, detail_rounds) = match quality {
+            Quality::Sketch => (200, 32, 48, 48, 0, 0),
+            Quality::Draft => (700, 64, 64, 48, 1, 2),
+            Quality::Standard => (1_200, 64, 128, 64, 2, 4),
+            Quality::High => (3_500, 128, 192, 128, 3, 5),
         };
         let (max_vertices, tolerance, blur, shadow_rays, inside_rounds) = match quality {
             Quality::Sketch => (4_000, 0.1, 0.06, 8, 0),
@@ -96,6 +96,7 @@ impl SolveParams {
                 blur,
                 max_vertices,
                 min_edge: 0.0,
+                short_edge: 0.0,
             },
             shadow_rays,
             fit_points: 1,
@@ -103,7 +104,7 @@ impl SolveParams {
             fit: FitParams::default(),
             row_rays,
             gather_rays,
-            vertex_rays: gather_rays,
+            vertex_rays,
             gather_points: 4.0,
             near: NearParams {
                 ratio: 1.2,
@@ -167,6 +168,8 @@ pub struct Solved {
 
 /// Triangles of the sources' mesh with edges above this multiple of the spacing are tested inside.
 const INSIDE_EDGE: f32 = 0.25;
+/// The author's edges below this multiple of the spacing are looked at where light differs along them.
+const SHORT_EDGE: f32 = 0.125;
 /// Vertices of fine meshes share samples of sources, and gathers, in cubes of this multiple of the spacing.
 const SOURCE_CELL: f32 = 0.25;
 /// … and gathers in cubes of this.
@@ -210,6 +213,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let source_params = RefineParams {
         min_edge: tracer.diagonal() / 2000.0,
         inside_edge: INSIDE_EDGE * spacing,
+        short_edge: SHORT_EDGE * spacing,
         blur: params.sources.blur * spacing,
         max_vertices: params.sources.max_vertices + base_vertices,
         ..params.sources

@@ -95,7 +95,7 @@ fn area_sources(
 ) -> ([Rgb; 2], bool) {
     let look = |rays: u32, key: Key, scratch: &mut Scratch| {
         let direct = lights.direct(receiver, rays, key, scratch);
-        let mirrored = lights.mirrored(receiver, rays, key.child(1), scratch);
+        let mirrored = lights.mirrored(receiver, rays, direct.irradiance, key.child(1), scratch);
         ([direct.irradiance, mirrored.irradiance], direct.even && mirrored.even)
     };
     if calm && rays > CALM_RAYS {
@@ -130,6 +130,9 @@ impl Field for SourceField<'_> {
 /// Relative difference between the least and the most light around an element below which its edges tell enough.
 const EVEN: f32 = 0.2;
 
+/// Refined elements get all points down to this share of the area of a base triangle.
+const FINE: f32 = 0.003;
+
 /// Replaces the point samples of direct and mirrored light by their least-squares fit.
 pub(crate) fn fit_sources(
     lights: &Lights,
@@ -148,8 +151,8 @@ pub(crate) fn fit_sources(
     let tracer = lights.tracer();
     let mesh = &displayed.mesh;
     progress.begin("fit", mesh.elements.len() as u64);
-    // Small elements of finely tessellated surfaces share: as many points as their area is worth, but refined ones, which
-    // are small because light varies there, get all.
+    // Small elements of finely tessellated surfaces share: as many points as their area is worth. Refined ones are small
+    // because light varies there: they get all, unless they are tiny.
     let whole = 0.5 * spacing * spacing;
     let level_of: Vec<u8> = displayed.leaves.iter().map(|&l| draft.leaves[l as usize].level).collect();
     let sums: Vec<Rgb> = sources.iter().map(SourceLight::sum).collect();
@@ -164,12 +167,10 @@ pub(crate) fn fit_sources(
         let corners = mesh.elements[element as usize].vertices.map(|v| displayed.origin[v as usize]);
         let area = mesh.area(element);
         let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(element));
-        let expected = params.fit_points as f32 * (area / whole).min(1.0);
-        let count = if level_of[element as usize] > 0 {
-            params.fit_points
-        } else {
-            (expected + key.uniform(0)).floor() as u32
-        };
+        let refined = level_of[element as usize] > 0;
+        let full = if refined { FINE * whole } else { whole };
+        let expected = params.fit_points as f32 * (area / full).min(1.0);
+        let count = (expected + key.uniform(0)).floor() as u32;
         let first = middles.len();
         let (mut least, mut most) = (Rgb::INFINITY, Rgb::ZERO);
         let mut calm_around = corners.iter().all(|&v| sources[v as usize].calm);

@@ -322,7 +322,7 @@ fn irradiance_at(case: &Value) -> f64 {
     let mut scratch = Scratch::default();
     let key = Key::new(0, Purpose::Emitter, 0);
     let area = lights.direct(&receiver, 64, key, &mut scratch).irradiance
-        + lights.mirrored(&receiver, 64, key, &mut scratch).irradiance;
+        + lights.mirrored(&receiver, 64, Rgb::ZERO, key, &mut scratch).irradiance;
     let punctual = lights.punctual(&receiver, &mut scratch);
     f64::from((area + punctual.direct + punctual.mirrored).x)
 }

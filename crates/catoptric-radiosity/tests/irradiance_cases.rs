@@ -195,7 +195,7 @@ fn light_of_sources_is_what_the_closed_forms_say() {
         let ask = |key| lights.direct(&at, 4096, key, &mut Scratch::default()).irradiance;
         wrong.extend(judge(&format!("{}, direct", case.name), direct, direct.x, ask));
         let mirrored: DVec3 = case.mirrored.iter().map(|(p, share)| share.as_dvec3() * lambert(p)).sum();
-        let ask = |key| lights.mirrored(&at, 1024, key, &mut Scratch::default()).irradiance;
+        let ask = |key| lights.mirrored(&at, 1024, Rgb::ZERO, key, &mut Scratch::default()).irradiance;
         wrong.extend(judge(&format!("{}, mirrored", case.name), mirrored, mirrored.x, ask));
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));

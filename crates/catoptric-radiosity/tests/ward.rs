@@ -103,7 +103,7 @@ fn radiosities(tracer: &Tracer, solved: &Solved, points: &[(f32, f32, f32)]) -> 
             let key = Key::new(1, Purpose::Hemisphere, index as u64);
             let mut scratch = Scratch::default();
             let direct = lights.direct(&receiver, 256, key.child(1), &mut scratch).irradiance;
-            let mirrored = lights.mirrored(&receiver, 256, key.child(2), &mut scratch).irradiance;
+            let mirrored = lights.mirrored(&receiver, 256, Rgb::ZERO, key.child(2), &mut scratch).irradiance;
             let g = gather(&lights, &light, &receiver, RAYS, key, &params.walk);
             let h = direct + mirrored + g.direct + g.mirrored + g.caustic + g.indirect;
             h.x * if z > 0.0 { CEILING } else { FLOOR }

@@ -61,7 +61,7 @@ impl SourceLight {
         scratch: &mut Scratch,
     ) -> Self {
         let direct = lights.direct(receiver, rays, key, scratch);
-        let mirrored = lights.mirrored(receiver, rays, key.child(1), scratch);
+        let mirrored = lights.mirrored(receiver, rays, direct.irradiance, key.child(1), scratch);
         Self {
             direct: direct.irradiance,
             mirrored: mirrored.irradiance,

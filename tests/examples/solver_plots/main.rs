@@ -18,6 +18,7 @@ use catoptric_radiosity::method::{
 use catoptric_radiosity::patch::PatchId;
 use catoptric_radiosity::solve::coarse_patches;
 use catoptric_radiosity::solver::{Params, Solver, StoredRows, System, solve_system};
+use catoptric_scene::Rgb;
 use catoptric_scene::{Scene, Silent, gltf};
 use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose};
@@ -96,7 +97,8 @@ fn compare_solvers(tracer: &Tracer) -> Result<Vec<Panel>, Failure> {
                 .map(|k| {
                     let receiver = patches.receiver(tracer, &draft, PatchId(i), key, k);
                     let direct = lights.direct(&receiver, 16, key.child(k), &mut scratch).irradiance;
-                    let mirrored = lights.mirrored(&receiver, 16, key.child(k), &mut scratch).irradiance;
+                    let mirrored =
+                        lights.mirrored(&receiver, 16, Rgb::ZERO, key.child(k), &mut scratch).irradiance;
                     (direct + mirrored).y
                 })
                 .sum();

@@ -160,14 +160,16 @@ impl<'a> Lights<'a> {
             last: PlaneId::NONE,
             beyond: None,
         };
-        self.over(Standpoint { receiver, chain: None, image: &image }, samples, key, scratch)
+        self.over(Standpoint { receiver, chain: None, image: &image }, samples, Rgb::ZERO, key, scratch)
     }
 
-    /// Irradiance over all image chains, by about `samples` followed paths per chain that is seen.
+    /// Irradiance over all image chains, by about `samples` followed paths per chain that is seen; by fewer where that light
+    /// is little beside what is `known` to arrive already.
     pub fn mirrored(
         &self,
         receiver: &Receiver,
         samples: u32,
+        known: Rgb,
         key: Key,
         scratch: &mut Scratch,
     ) -> SourceIrradiance {
@@ -180,7 +182,7 @@ impl<'a> Lights<'a> {
             };
             let key = key.child(index as u32 + 1);
             let at = Standpoint { receiver, chain: Some(chain), image: &image };
-            let part = self.over(at, samples, key, scratch);
+            let part = self.over(at, samples, known + sum.irradiance, key, scratch);
             sum.irradiance += part.irradiance;
             sum.unoccluded += part.unoccluded;
             sum.partial |= part.partial;
@@ -205,7 +207,17 @@ impl<'a> Lights<'a> {
             .sum()
     }
 
-    fn over(&self, at: Standpoint, samples: u32, key: Key, scratch: &mut Scratch) -> SourceIrradiance {
+    /// Irradiance at a standpoint beside what is `known`: samples are shared out by what each source sends, which makes the
+    /// error of the sum least.
+    fn over(
+        &self,
+        at: Standpoint,
+        samples: u32,
+        known: Rgb,
+        key: Key,
+        scratch: &mut Scratch,
+    ) -> SourceIrradiance {
+        let known = f64::from(known.element_sum());
         let mut result = SourceIrradiance::DARK;
         let mut tally = Tally::default();
         let mut found = std::mem::take(&mut scratch.found);
@@ -215,7 +227,7 @@ impl<'a> Lights<'a> {
         let whole = found.weight();
         if whole > 0.0 {
             // Large pieces get strata of their own, small ones share.
-            let share = f64::from(samples) / whole;
+            let share = f64::from(samples) / (whole + known);
             let mut leftover = 0.0;
             for (index, piece) in found.pieces.iter().enumerate() {
                 let expected = piece.weight * share;
@@ -253,7 +265,7 @@ impl<'a> Lights<'a> {
         scratch.found = found;
         if !self.bright.is_empty() {
             tally.mixed();
-            let part = self.bright_part(at, samples, key, scratch, &mut tally);
+            let part = self.bright_part(at, samples, known, key, scratch, &mut tally);
             result.irradiance += part.irradiance;
             result.unoccluded += part.unoccluded;
         }

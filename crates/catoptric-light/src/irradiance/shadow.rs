@@ -356,6 +356,7 @@ impl Lights<'_> {
         &self,
         at: Standpoint,
         samples: u32,
+        known: f64,
         key: Key,
         scratch: &mut Scratch,
         tally: &mut Tally,
@@ -376,7 +377,8 @@ impl Lights<'_> {
                 result.unoccluded += texel.power * cos as f32;
             }
         }
-        let count = samples.max(1);
+        let expected = f64::from(samples) * total / (total + known).max(f64::MIN_POSITIVE);
+        let count = (expected.ceil() as u32).clamp(4.min(samples.max(1)), samples.max(1));
         let step = total / f64::from(count);
         let key = key.child(0xfffe);
         let mut next = f64::from(key.uniform(0)) * step;

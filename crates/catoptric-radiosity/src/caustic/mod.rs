@@ -52,7 +52,7 @@ impl CausticParams {
             Quality::High => (1 << 22, 200_000, 0.022),
         };
         Self {
-            min_rays: 1 << 15,
+            min_rays: 1 << 14,
             max_rays,
             noise,
             density: DensityParams {
