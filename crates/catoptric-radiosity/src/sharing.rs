@@ -7,6 +7,9 @@ use std::collections::HashMap;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use catoptric_scene::Rgb;
+use catoptric_trace::{PlaneId, Tracer};
+
 use crate::JOB;
 use crate::draft::Draft;
 
@@ -50,8 +53,15 @@ struct Lead {
 
 impl Sharing {
     /// Groups the vertices of fine meshes by cubes of `cell` metres, larger ones if more than `budget` groups came of
-    /// it. `alone`: vertices that neither take nor give.
-    pub fn new(draft: &Draft, spacing: f32, cell: f32, budget: usize, alone: &[bool]) -> Self {
+    /// it. `alone`: vertices that neither take nor give. Those that do not see each other do not share.
+    pub fn new(
+        tracer: &Tracer,
+        draft: &Draft,
+        spacing: f32,
+        cell: f32,
+        budget: usize,
+        alone: &[bool],
+    ) -> Self {
         let eligible = eligible(draft, spacing, alone);
         let mut cell = cell;
         let mut members = group(draft, &eligible, cell);
@@ -85,13 +95,16 @@ impl Sharing {
             .par_iter()
             .with_min_len(64)
             .with_max_len(8 * JOB)
-            .map(|&(v, own)| mix(draft, v, own, cell, &around))
+            .map(|&(v, own)| seen(tracer, draft, v, cell, mix(draft, v, own, cell, &around)))
             .collect();
 
         let count = draft.vertices.len();
         let mut sharing =
             Self { mix_of: vec![ASKED; count], mixes, leads: Vec::new(), shares: vec![false; count], cell };
         for (index, (&(member, _), mix)) in led.iter().zip(&sharing.mixes).enumerate() {
+            if mix.iter().all(|part| part.1 == 0.0) {
+                continue;
+            }
             sharing.mix_of[member as usize] = index as u32;
             sharing.shares[member as usize] = true;
             sharing.leads.extend(mix.iter().filter(|part| part.1 > 0.0).map(|part| part.0));
@@ -183,6 +196,23 @@ fn mix(draft: &Draft, member: u32, own: u32, cell: f32, around: &HashMap<([i32; 
     } else {
         [(own, 1.0), (own, 0.0), (own, 0.0), (own, 0.0)]
     }
+}
+
+/// Height above the surface, in cells, at which vertices that share must see each other: above what curves between them.
+const LIFT: f32 = 0.25;
+
+/// A mix without the leads that the vertex does not see: the foot of a leg under a carpet and the leg above it are near to
+/// each other, but in other light. No weight at all where none is left.
+fn seen(tracer: &Tracer, draft: &Draft, member: u32, cell: f32, mix: Mix) -> Mix {
+    let above = |v: u32| {
+        let receiver = draft.receiver(tracer, v);
+        receiver.position + receiver.normal * (LIFT * cell)
+    };
+    let own = above(member);
+    let sees = |lead: u32| tracer.visibility(own, PlaneId::NONE, above(lead), PlaneId::NONE) != Rgb::ZERO;
+    let kept = mix.map(|(lead, weight)| (lead, if weight > 0.0 && sees(lead) { weight } else { 0.0 }));
+    let sum: f32 = kept.iter().map(|part| part.1).sum();
+    kept.map(|(lead, weight)| (lead, if sum > 0.0 { weight / sum } else { 0.0 }))
 }
 
 /// Corners of leaves on curved surfaces and small flat faces.

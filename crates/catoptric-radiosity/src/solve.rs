@@ -72,9 +72,9 @@ impl SolveParams {
     pub fn for_quality(quality: Quality) -> Self {
         let (base_triangles, row_rays, vertex_rays, gather_rays, near_rounds, detail_rounds) = match quality {
             Quality::Sketch => (200, 32, 48, 48, 0, 0),
-            Quality::Draft => (700, 64, 64, 48, 1, 2),
-            Quality::Standard => (1_200, 64, 128, 64, 2, 4),
-            Quality::High => (3_500, 128, 192, 128, 3, 5),
+            Quality::Draft => (700, 64, 96, 48, 1, 2),
+            Quality::Standard => (1_400, 64, 128, 64, 1, 4),
+            Quality::High => (3_500, 128, 192, 128, 2, 5),
         };
         let (max_vertices, tolerance, blur, shadow_rays, inside_rounds) = match quality {
             Quality::Sketch => (4_000, 0.1, 0.06, 8, 0),
@@ -113,7 +113,7 @@ impl SolveParams {
                 detail_share: 1.0,
                 max_details: DETAILS_PER_TRIANGLE * base_triangles,
             },
-            gather_fit: FitParams { prior: 0.1, smoothing: 0.06, ..FitParams::default() },
+            gather_fit: FitParams { prior: 0.3, smoothing: 0.06, ..FitParams::default() },
             solver: SolverParams::default(),
             coarse: CoarseParams::default(),
             reconstruction: None,
@@ -208,7 +208,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let field = SourceField::new(&lights, params);
     let base_vertices = draft.vertices.len();
     let budget = SHARED_PER_TRIANGLE * params.base_triangles;
-    let sharing = Sharing::new(&draft, spacing, SOURCE_CELL * spacing, budget, &[]);
+    let sharing = Sharing::new(tracer, &draft, spacing, SOURCE_CELL * spacing, budget, &[]);
     let mut values = Values { sharing, ..Values::default() };
     let source_params = RefineParams {
         min_edge: tracer.diagonal() / 2000.0,
@@ -316,7 +316,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     // The final gather sees what sources send and the coarse solution first, then what it found at the vertices.
     let coarse = Coarse { patches: &patches, rows: &rows, indirect: &indirect };
     let sight = Sight { displayed: &displayed, draft: &draft, sources: &values.values };
-    let sharing = Sharing::new(&mesh_of_gathers, spacing, GATHER_CELL * spacing, budget, &hidden);
+    let sharing = Sharing::new(tracer, &mesh_of_gathers, spacing, GATHER_CELL * spacing, budget, &hidden);
     let gathered = final_gather(
         &lights,
         &sight,
