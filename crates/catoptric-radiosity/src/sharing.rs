@@ -258,3 +258,35 @@ fn kind(draft: &Draft, vertex: u32) -> u32 {
     let vertex = &draft.vertices[vertex as usize];
     u32::from(vertex.medium.0) << 1 | draft.faces[vertex.face as usize].side as u32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::coarse_patches;
+    use catoptric_scene::{Material, Scene, SceneParts};
+
+    #[test]
+    fn a_leg_above_a_rug_does_not_share_with_its_foot_below() {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        let thick = 0.012;
+        parts.add_quad("floor", white, Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0);
+        parts.add_box("rug", white, Vec3::new(-1.0, 0.0, -1.0), Vec3::new(1.0, thick, 1.0), false);
+        parts.add_box("leg", white, Vec3::new(0.1, 0.0, 0.1), Vec3::new(0.14, 0.4, 0.14), false);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let (draft, _) = coarse_patches(&tracer, 200);
+        let sharing = Sharing::new(&tracer, &draft, 0.5, 0.1, 1000, &[]);
+        let side = |v: u32| draft.vertices[v as usize].sample.y > thick;
+        let upright = |v: u32| draft.vertices[v as usize].normal.y.abs() < 0.5;
+        let mut pairs = 0;
+        for v in (0..draft.vertices.len() as u32).filter(|&v| upright(v)) {
+            for &(lead, _) in sharing.parts(v).iter().filter(|part| part.1 > 0.0) {
+                assert_eq!(side(v), side(lead), "{:?} takes light from {lead}", draft.vertices[v as usize]);
+                pairs += 1;
+            }
+        }
+        // The leg is cut at the rug and, above, into pieces of a few cells.
+        assert!(pairs > 8, "{pairs}");
+    }
+}
