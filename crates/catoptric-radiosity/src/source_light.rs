@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
-use catoptric_light::irradiance::Scratch;
+use catoptric_light::irradiance::{Samples, Scratch};
 use catoptric_light::{Lights, Receiver};
 use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
@@ -78,33 +78,20 @@ impl<'a> SourceField<'a> {
     }
 }
 
-/// Shadow rays where the surroundings are calm.
-const CALM_RAYS: u32 = 4;
-/// Key of the look that they are.
-const CALM_KEY: u32 = 1 << 20;
-
-/// Direct and mirrored light of area sources by `rays` per source and chain, or by few where the surroundings are `calm`
-/// and it turns out so here; and whether it does.
+/// Direct and mirrored light of area sources by `count` shadow rays per chain, by fewer where the surroundings are `calm` and
+/// it turns out so here; and whether it does.
 fn area_sources(
     lights: &Lights,
     receiver: &Receiver,
-    rays: u32,
+    count: u32,
     calm: bool,
     key: Key,
     scratch: &mut Scratch,
 ) -> ([Rgb; 2], bool) {
-    let look = |rays: u32, key: Key, scratch: &mut Scratch| {
-        let direct = lights.direct(receiver, rays, key, scratch);
-        let mirrored = lights.mirrored(receiver, rays, direct.irradiance, key.child(1), scratch);
-        ([direct.irradiance, mirrored.irradiance], direct.even && mirrored.even)
-    };
-    if calm && rays > CALM_RAYS {
-        let found = look(CALM_RAYS, key.child(CALM_KEY), scratch);
-        if found.1 {
-            return found;
-        }
-    }
-    look(rays, key, scratch)
+    let samples = Samples { count, calm };
+    let direct = lights.direct(receiver, samples, key, scratch);
+    let mirrored = lights.mirrored(receiver, samples, direct.irradiance, key.child(1), scratch);
+    ([direct.irradiance, mirrored.irradiance], direct.even && mirrored.even)
 }
 
 impl Field for SourceField<'_> {
@@ -131,7 +118,7 @@ impl Field for SourceField<'_> {
 const EVEN: f32 = 0.2;
 
 /// Refined elements get all points down to this share of the area of a base triangle.
-const FINE: f32 = 0.003;
+const FINE: f32 = 0.01;
 
 /// Replaces the point samples of direct and mirrored light by their least-squares fit.
 pub(crate) fn fit_sources(

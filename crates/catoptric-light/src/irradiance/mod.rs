@@ -93,6 +93,25 @@ impl SourceIrradiance {
     const DARK: Self = Self { irradiance: Rgb::ZERO, unoccluded: Rgb::ZERO, partial: false, even: true };
 }
 
+/// How many shadow rays look at the sources from one receiver.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Samples {
+    /// Of all sources together, about.
+    pub count: u32,
+    /// The places around see each source wholly, or not at all: of one whose first [`LOOK`] samples agree, no more are
+    /// taken. Samples alone must not decide this: those that missed what blocks a little would be content.
+    pub calm: bool,
+}
+
+impl From<u32> for Samples {
+    fn from(count: u32) -> Self {
+        Self { count, calm: false }
+    }
+}
+
+/// Samples of a source that do where the surroundings are calm and they agree.
+pub const LOOK: u32 = 4;
+
 impl<'a> Lights<'a> {
     /// Collects the sources and finds the image chains.
     pub fn new(tracer: &'a Tracer<'a>, params: LightParams) -> Self {
@@ -149,7 +168,7 @@ impl<'a> Lights<'a> {
     pub fn direct(
         &self,
         receiver: &Receiver,
-        samples: u32,
+        samples: impl Into<Samples>,
         key: Key,
         scratch: &mut Scratch,
     ) -> SourceIrradiance {
@@ -160,7 +179,13 @@ impl<'a> Lights<'a> {
             last: PlaneId::NONE,
             beyond: None,
         };
-        self.over(Standpoint { receiver, chain: None, image: &image }, samples, Rgb::ZERO, key, scratch)
+        self.over(
+            Standpoint { receiver, chain: None, image: &image },
+            samples.into(),
+            Rgb::ZERO,
+            key,
+            scratch,
+        )
     }
 
     /// Irradiance over all image chains, by about `samples` followed paths per chain that is seen; by fewer where that light
@@ -168,11 +193,12 @@ impl<'a> Lights<'a> {
     pub fn mirrored(
         &self,
         receiver: &Receiver,
-        samples: u32,
+        samples: impl Into<Samples>,
         known: Rgb,
         key: Key,
         scratch: &mut Scratch,
     ) -> SourceIrradiance {
+        let samples = samples.into();
         let mut sum = SourceIrradiance::DARK;
         let (position, normal) = (receiver.position.as_dvec3(), receiver.normal.as_dvec3());
         for (index, chain) in self.chains.chains().iter().enumerate() {
@@ -212,7 +238,7 @@ impl<'a> Lights<'a> {
     fn over(
         &self,
         at: Standpoint,
-        samples: u32,
+        Samples { count: samples, calm }: Samples,
         known: Rgb,
         key: Key,
         scratch: &mut Scratch,
@@ -238,7 +264,8 @@ impl<'a> Lights<'a> {
                 let count = (expected.round() as u32).clamp(4, samples.max(4)).next_power_of_two();
                 let target = Target::piece(piece, &self.emitters);
                 let key = key.child(index as u32);
-                result.irradiance += self.strata(at, &target, count, key, scratch, &mut tally);
+                result.irradiance +=
+                    self.strata(at, &target, Samples { count, calm }, key, scratch, &mut tally);
                 result.unoccluded += target.irradiance();
                 tally.next_target();
             }
@@ -250,7 +277,8 @@ impl<'a> Lights<'a> {
                 };
                 let target = Target::lamp(part, &found.corners, &self.emitters);
                 let key = key.child(LAMPS + index as u32);
-                result.irradiance += self.strata(at, &target, count, key, scratch, &mut tally);
+                result.irradiance +=
+                    self.strata(at, &target, Samples { count, calm }, key, scratch, &mut tally);
                 result.unoccluded += target.irradiance();
                 tally.next_target();
             }

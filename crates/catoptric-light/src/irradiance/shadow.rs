@@ -17,7 +17,7 @@ use crate::light_tree::Windows;
 use crate::receiver::Receiver;
 
 use super::seen::{Found, LampPart, Piece};
-use super::{Lights, Scratch, SourceIrradiance, Standpoint};
+use super::{LOOK, Lights, Samples, Scratch, SourceIrradiance, Standpoint};
 
 /// What shadow rays go to.
 #[derive(Clone, Copy)]
@@ -170,12 +170,12 @@ impl Lights<'_> {
             && self.tracer.media().transmittance(receiver.media.current(), self.far) == Rgb::ONE
     }
 
-    /// Irradiance by one target, by `count` stratified shadow rays.
+    /// Irradiance by one target, by `count` stratified shadow rays, or by the first of them where they do.
     pub(super) fn strata(
         &self,
         at: Standpoint,
         target: &Target,
-        count: u32,
+        Samples { count, calm }: Samples,
         key: Key,
         scratch: &mut Scratch,
         tally: &mut Tally,
@@ -199,6 +199,10 @@ impl Lights<'_> {
         let mut weights = 0.0_f64;
         let mut sum = DVec3::ZERO;
         for index in 0..count {
+            // A prefix of the sequence is stratified, too.
+            if calm && index == LOOK && textured.is_none() && tally.is_target_even() {
+                break;
+            }
             let s = key.point2(index).as_dvec2();
             let light = target.point(&scratch.fan, s.x, s.y);
             let offset = light - image.position;
@@ -458,9 +462,14 @@ impl Tally {
         !self.uneven
     }
 
+    /// All samples of the present target so far saw the same.
+    fn is_target_even(&self) -> bool {
+        self.most - self.least <= EQUAL * self.most
+    }
+
     /// What follows is another target.
     pub(super) fn next_target(&mut self) {
-        self.uneven |= self.most - self.least > EQUAL * self.most;
+        self.uneven |= !self.is_target_even();
         (self.least, self.most) = (f32::INFINITY, 0.0);
     }
 
