@@ -72,9 +72,9 @@ impl SolveParams {
     pub fn for_quality(quality: Quality) -> Self {
         let (base_triangles, row_rays, vertex_rays, gather_rays, near_rounds, detail_rounds) = match quality {
             Quality::Sketch => (200, 32, 48, 48, 0, 0),
-            Quality::Draft => (700, 64, 96, 48, 1, 2),
-            Quality::Standard => (1_400, 64, 128, 64, 1, 4),
-            Quality::High => (3_500, 128, 192, 128, 2, 5),
+            Quality::Draft => (700, 32, 96, 48, 1, 2),
+            Quality::Standard => (1_400, 32, 128, 64, 1, 4),
+            Quality::High => (3_500, 64, 192, 128, 2, 5),
         };
         let (max_vertices, tolerance, blur, shadow_rays, inside_rounds) = match quality {
             Quality::Sketch => (4_000, 0.1, 0.06, 8, 0),
@@ -110,7 +110,7 @@ impl SolveParams {
                 ratio: 1.2,
                 rounds: near_rounds,
                 detail_rounds,
-                detail_share: 1.0,
+                detail_share: 0.7,
                 max_details: DETAILS_PER_TRIANGLE * base_triangles,
             },
             gather_fit: FitParams { prior: 0.3, smoothing: 0.06, ..FitParams::default() },
