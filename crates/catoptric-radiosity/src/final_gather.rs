@@ -159,17 +159,40 @@ fn beside_hidden(draft: &Draft, known: &mut [Option<Rgb>]) {
     }
 }
 
-/// The guide by what some vertices found.
-fn guide_by(findings: &[Findings], gathered: &[Gathered], vertices: impl Iterator<Item = u32>) -> Guide {
-    let (mut all, mut sum, mut count) = (Findings::default(), Gathered::default(), 0.0_f32);
-    for v in vertices {
-        all.merge(&findings[v as usize]);
-        sum.add(&gathered[v as usize], 1.0);
-        count += 1.0;
+/// Where the findings of display vertices lie.
+struct Beside {
+    /// Per display vertex; `u32::MAX` for one that does not gather for itself alone.
+    place: Vec<u32>,
+}
+
+impl Beside {
+    fn new(own: &[u32], count: usize) -> Self {
+        let mut place = vec![u32::MAX; count];
+        for (index, &i) in own.iter().enumerate() {
+            place[i as usize] = index as u32;
+        }
+        Self { place }
     }
-    let mut expected = Gathered::default();
-    expected.add(&sum, 1.0 / count.max(1.0));
-    Guide::new(&all, expected)
+
+    /// The guide by what some vertices found.
+    fn guide(
+        &self,
+        findings: &[Findings],
+        gathered: &[Gathered],
+        vertices: impl Iterator<Item = u32>,
+    ) -> Guide {
+        let (mut all, mut sum, mut count) = (Findings::default(), Gathered::default(), 0.0_f32);
+        for v in vertices {
+            if let Some(own) = findings.get(self.place[v as usize] as usize) {
+                all.merge(own);
+                sum.add(&gathered[v as usize], 1.0);
+                count += 1.0;
+            }
+        }
+        let mut expected = Gathered::default();
+        expected.add(&sum, 1.0 / count.max(1.0));
+        Guide::new(&all, expected)
+    }
 }
 
 /// Gathers at the vertices and inside the elements of `draft`, and fits.
@@ -254,68 +277,82 @@ pub(crate) fn final_gather(
     // at once.
     let at_once = !lights.emitters().broad().is_empty();
     let first_rays = |rays: u32| if at_once { rays } else { rays.div_ceil(2) };
-    let mut findings = vec![Findings::default(); mesh.vertices.len()];
-    let mut at_vertices: Vec<Gathered> = displayed
-        .origin
-        .par_iter()
-        .zip(&vertex_rays)
-        .zip(&mut findings)
+    // Those that gather for themselves alone: only what they find is kept by direction.
+    let own: Vec<u32> = (0..displayed.origin.len() as u32)
+        .filter(|&i| vertex_rays[i as usize] > 0 && !sharing.shares(displayed.origin[i as usize]))
+        .collect();
+    let mut at_vertices = vec![Gathered::default(); mesh.vertices.len()];
+    let leads: Vec<(u32, Gathered)> = (0..displayed.origin.len() as u32)
+        .into_par_iter()
         .with_min_len(8)
         .with_max_len(JOB)
-        .map(|((&v, &rays), findings)| {
-            if rays == 0 {
-                Gathered::default()
-            } else if sharing.shares(v) {
-                around(&light, v, rays, 0)
-            } else {
-                let receiver = draft.receiver(tracer, v);
-                let note = &mut |point, radiance| findings.add(point, radiance);
-                work(&light, &receiver, 0..first_rays(rays), None, u64::from(v), note)
-            }
-        })
+        .filter(|&i| vertex_rays[i as usize] > 0 && sharing.shares(displayed.origin[i as usize]))
+        .map(|i| (i, around(&light, displayed.origin[i as usize], vertex_rays[i as usize], 0)))
         .collect();
+    let (first, mut findings): (Vec<Gathered>, Vec<Findings>) = own
+        .par_iter()
+        .with_min_len(8)
+        .with_max_len(JOB)
+        .map(|&i| {
+            let (v, mut findings) = (displayed.origin[i as usize], Findings::default());
+            let note = &mut |point, radiance| findings.add(point, radiance);
+            let part = 0..first_rays(vertex_rays[i as usize]);
+            let found = work(&light, &draft.receiver(tracer, v), part, None, u64::from(v), note);
+            (found, findings)
+        })
+        .unzip();
+    for (i, found) in leads.into_iter().chain(own.iter().copied().zip(first)) {
+        at_vertices[i as usize] = found;
+    }
+    let beside = Beside::new(&own, mesh.vertices.len());
     let floor = FLOOR * sight.mean(&seen);
     let least = least_beside(mesh, |v| sight.sources[displayed.origin[v as usize] as usize].element_sum());
-    let guides: Vec<Guide> = displayed
-        .origin
+    let guides: Vec<Guide> = own
         .par_iter()
-        .enumerate()
         .with_max_len(JOB)
-        .map(|(own, &v)| {
-            let around = hats.around(v).iter().flat_map(|&e| mesh.elements[e as usize].vertices);
-            guide_by(&findings, &at_vertices, around.filter(|&other| other as usize != own))
+        .map(|&i| {
+            let around = hats.around(displayed.origin[i as usize]).iter();
+            let others = around.flat_map(|&e| mesh.elements[e as usize].vertices).filter(|&other| other != i);
+            beside.guide(&findings, &at_vertices, others)
         })
         .collect();
     let deviation_of = |guide: &Guide, least: f32| relative_deviation(guide, least + floor);
+    let area = areas_around(mesh);
     let allocation = Allocation::new(
-        guides
-            .iter()
-            .zip(&least)
-            .zip(areas_around(mesh).iter().zip(&displayed.origin))
-            .filter(|(_, (_, v))| !hidden[**v as usize] && !sharing.shares(**v))
-            .map(|((guide, &least), (&area, _))| (deviation_of(guide, least), area)),
+        own.iter()
+            .zip(&guides)
+            .filter(|(i, _)| !hidden[displayed.origin[**i as usize] as usize])
+            .map(|(&i, guide)| (deviation_of(guide, least[i as usize]), area[i as usize])),
     );
-    at_vertices
-        .par_iter_mut()
-        .zip(&mut vertex_rays)
-        .zip(displayed.origin.par_iter().zip(&mut findings))
-        .zip(guides.par_iter().zip(&least))
-        .with_min_len(8)
-        .with_max_len(JOB)
-        .filter(|(((_, rays), (v, _)), _)| !at_once && **rays > 0 && !sharing.shares(**v))
-        .for_each(|(((gathered, rays), (&v, findings)), (guide, &least))| {
-            let (known, all) = (first_rays(*rays), allocation.rays(*rays, deviation_of(guide, least)));
-            if all > known {
-                let receiver = draft.receiver(tracer, v);
+    if !at_once {
+        let more: Vec<(Gathered, u32)> = own
+            .par_iter()
+            .zip(&guides)
+            .zip(&mut findings)
+            .with_min_len(8)
+            .with_max_len(JOB)
+            .map(|((&i, guide), findings)| {
+                let (v, gathered, rays) =
+                    (displayed.origin[i as usize], at_vertices[i as usize], vertex_rays[i as usize]);
+                let known = first_rays(rays);
+                let all = allocation.rays(rays, deviation_of(guide, least[i as usize]));
+                if all <= known {
+                    return (gathered, known);
+                }
                 let note = &mut |point, radiance| findings.add(point, radiance);
+                let receiver = draft.receiver(tracer, v);
                 let more = work(&light, &receiver, known..all, Some(guide), u64::from(v), note);
                 // Each counts by the inverse of its variance.
                 let [even, guided] = [guide.even_deviation(), guide.deviation()].map(|d| d * d);
                 let (first, second) = (known as f32 * guided, (all - known) as f32 * even);
-                *gathered = gathered.mixed(&more, first / (first + second).max(f32::MIN_POSITIVE));
-            }
-            *rays = all.max(known);
-        });
+                (gathered.mixed(&more, first / (first + second).max(f32::MIN_POSITIVE)), all)
+            })
+            .collect();
+        for (&i, (gathered, rays)) in own.iter().zip(more) {
+            at_vertices[i as usize] = gathered;
+            vertex_rays[i as usize] = rays;
+        }
+    }
     drop(guides);
     let shared = SharedGathers::new(sharing, &displayed);
     shared.fill(&mut at_vertices);
@@ -335,7 +372,7 @@ pub(crate) fn final_gather(
         .map(|(index, s)| {
             let receiver = draft.receiver_inside(tracer, &displayed, s.element, s.weights);
             let corners = mesh.elements[s.element as usize].vertices;
-            let guide = guide_by(&findings, &at_vertices, corners.into_iter());
+            let guide = beside.guide(&findings, &at_vertices, corners.into_iter());
             let least = corners.iter().map(|&v| least[v as usize]).fold(f32::INFINITY, f32::min);
             let rays = allocation.rays(params.gather_rays, deviation_of(&guide, least));
             let entity = index as u64 | 1 << 43;
