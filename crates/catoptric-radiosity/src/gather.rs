@@ -114,7 +114,9 @@ pub fn gather_part(
     let (mut before, mut shares) = (Rgb::ZERO, 0.0_f32);
     let rays = part.len() as u32;
     for index in part.clone() {
-        let point = key.point2(index);
+        let half = usize::from(2 * (index - part.start) >= rays);
+        let point =
+            if controlled && half == 1 { key.child(SECOND_HALF).point2(index) } else { key.point2(index) };
         // What the ray counts, beside π/N.
         let (point, share) = guide.map_or((point, 1.0), |guide| guide.warp(point));
         shares += share;
@@ -166,7 +168,6 @@ pub fn gather_part(
         note(point, single);
         if controlled {
             let control = lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
-            let half = usize::from(2 * (index - part.start) >= rays);
             halves[half].add(single, control, share);
         }
     }
@@ -188,6 +189,10 @@ pub fn gather_part(
     result.ledger = ledger;
     result
 }
+
+/// Key of the second half of the rays where each half decides what the other's control variate is worth: halves of one sequence
+/// know of each other, and short ones leaned (furnace_mirror was 0.3 % too dark by 16 rays).
+const SECOND_HALF: u32 = 1 << 30;
 
 /// Sums over half of the rays of a gather, for the control variate.
 #[derive(Clone, Copy, Debug, Default)]

@@ -190,12 +190,11 @@ pub fn refine(
         candidates.retain(|&(a, b)| {
             let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
             let length = (y - x).length();
-            if round > 0 || length > params.short_edge {
-                return length > params.min_edge;
-            }
             let [p, q] = [a, b].map(|v| values.values[v as usize]);
             let light = (p + q) * 0.5 + Rgb::splat(floor);
-            cost(((q - p).abs() * 0.5 / light).max_element(), length) > params.blur * params.blur
+            let differs =
+                || cost(((q - p).abs() * 0.5 / light).max_element(), length) > params.blur * params.blur;
+            length > params.min_edge && (round > 0 || length > params.short_edge || differs())
         });
         // Both ends dark and the whole face dark: still look, a light patch may lie between.
         for &(a, b) in &candidates {
