@@ -182,6 +182,11 @@ impl Lamp {
         windows.may_show(self.center - eye, self.radius)
     }
 
+    /// No part of it is nearer than this, metres; below zero for a point that may be inside.
+    pub(crate) fn distance(&self, point: DVec3) -> f64 {
+        (self.center - point).length() - self.radius
+    }
+
     /// How much of it lies where n·x ≥ offset.
     pub fn beyond(&self, plane: Option<Plane>) -> Beyond {
         let height = plane.map_or(f64::INFINITY, |p| p.normal.dot(self.center) - p.offset);

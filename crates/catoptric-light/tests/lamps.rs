@@ -4,7 +4,7 @@ use catoptric_light::emitter::Emitters;
 use catoptric_light::irradiance::Scratch;
 use catoptric_light::{LightParams, Lights, Receiver, contour};
 use catoptric_scene::{
-    Barycentric, Material, MaterialId, Radiance, Rgb, Scene, SceneParts, Side, TriangleId,
+    AlphaMode, Barycentric, Material, MaterialId, Radiance, Rgb, Scene, SceneParts, Side, TriangleId,
 };
 use catoptric_trace::PlaneId;
 use catoptric_trace::Tracer;
@@ -143,7 +143,8 @@ fn an_empty_pyramid_has_no_shadow() {
         let eye = position.as_dvec3();
         let near = End::new(eye, normal.as_dvec3(), from);
         let far = End::behind(&base, eye, PlaneId::NONE).expect("a polygon");
-        let says = Pyramid::new(eye, &base, near, far, 0..0).is_some_and(|p| tracer.is_empty_in(&p));
+        let suspects = Pyramid::new(eye, &base, near, far, 0..0).and_then(|p| tracer.suspects_in(&p));
+        let says = suspects.is_some_and(|s| s.is_empty());
         let seen = (0..256).all(|ray| {
             let at = key.child(9).child(index).point2(ray);
             let target = Vec3::new(0.2 + 0.4 * at.x, 0.99, 0.2 + 0.4 * at.y);
@@ -156,6 +157,54 @@ fn an_empty_pyramid_has_no_shadow() {
     }
     assert!(blocked > 500, "{blocked} in shadow");
     assert!(empty * 10 > unblocked * 9, "{empty} of {unblocked} without shadow are told");
+}
+
+/// Nothing but the suspects of a pyramid is in the way of shadow rays in it, be they opaque or panes.
+#[test]
+fn suspects_block_what_the_scene_blocks() {
+    let mut parts = SceneParts::default();
+    let wall = white(&mut parts);
+    let grey = Material::lambertian("pane", Rgb::splat(0.5));
+    let pane = parts.add_material(Material { alpha_mode: AlphaMode::Blend, base_alpha: 0.3, ..grey });
+    let key = Key::new(6, Purpose::Test, 0);
+    for index in 0..60 {
+        let at = point(key, index) * Vec3::new(1.0, 0.5, 1.0);
+        let [u, v] = [1, 2].map(|k| point(key.child(k), index) * 0.2);
+        parts.add_quad("scrap", if index % 3 == 0 { pane } else { wall }, at, u, v);
+    }
+    let scene = Scene::new(parts).expect("a valid scene");
+    let tracer = Tracer::new(&scene);
+    let (mut blocked, mut thinned, mut free, mut many) = (0, 0, 0, 0);
+    for index in 0..2000 {
+        let eye = (point(key.child(3), index) - Vec3::Y).as_dvec3();
+        let corner = point(key.child(4), index).as_dvec3() * 0.8 + DVec3::Y;
+        let [u, v] = [DVec3::X * 0.3, DVec3::Z * 0.2];
+        let base = Base::around(&[corner, corner + u, corner + u + v, corner + v]).expect("a polygon");
+        let far = End::behind(&base, eye, PlaneId::NONE).expect("a polygon");
+        let near = End::new(eye, DVec3::Y, PlaneId::NONE);
+        let Some(suspects) = Pyramid::new(eye, &base, near, far, 0..0).and_then(|p| tracer.suspects_in(&p))
+        else {
+            many += 1;
+            continue;
+        };
+        for ray in 0..16 {
+            let at = key.child(9).child(index).point2(ray).as_dvec2() * 0.998 + 0.001;
+            let (origin, target) = (eye.as_vec3(), (corner + u * at.x + v * at.y).as_vec3());
+            let expected = tracer.visibility(origin, PlaneId::NONE, target, PlaneId::NONE);
+            let found = tracer.visibility_among(&suspects, origin, PlaneId::NONE, target, PlaneId::NONE);
+            assert_eq!(found, expected, "from {origin} to {target}");
+            match expected {
+                Rgb::ZERO => blocked += 1,
+                Rgb::ONE => free += 1,
+                _ => thinned += 1,
+            }
+        }
+    }
+    assert!(
+        blocked > 1000 && thinned > 1000 && free > 1000,
+        "{blocked} blocked, {thinned} thinned, {free} free"
+    );
+    assert!(many < 1000, "{many} of 2000 pyramids hold too much");
 }
 
 #[test]

@@ -16,7 +16,7 @@ pub struct RefineParams {
     pub floor: f32,
     /// Rounds: each halves edges.
     pub rounds: u32,
-    /// First rounds in which triangles are also tested inside, where thin shadows hide.
+    /// First rounds in which triangles are also tested in their middle, where small shadows hide.
     pub inside_rounds: u32,
     /// Triangles with shorter edges are not tested inside, metres.
     pub inside_edge: f32,
@@ -39,8 +39,8 @@ pub struct RefineParams {
 pub trait Field: Sync {
     /// Value at a vertex, and whether it is calm there.
     fn evaluate(&self, draft: &Draft, vertex: u32, calm: bool) -> (Rgb, bool);
-    /// Value at barycentric weights inside a leaf.
-    fn evaluate_inside(&self, draft: &Draft, leaf: u32, weights: [f32; 3], calm: bool) -> Rgb;
+    /// Value in the middle of a leaf.
+    fn evaluate_inside(&self, draft: &Draft, leaf: u32, calm: bool) -> Rgb;
 }
 
 /// Values of all vertices made so far.
@@ -245,10 +245,7 @@ fn cost(relative: f32, length: f32) -> f32 {
     relative.min(2.0).powi(2) * length * length
 }
 
-/// Points tested inside a triangle, one per corner's third.
-const INSIDE: [[f32; 3]; 3] = [[0.62, 0.19, 0.19], [0.19, 0.62, 0.19], [0.19, 0.19, 0.62]];
-
-/// Edges of the triangles that hold something that their corners do not foretell.
+/// Edges of the triangles that hold something in their middle that their corners do not foretell.
 fn test_inside(
     draft: &Draft,
     field: &dyn Field,
@@ -266,34 +263,32 @@ fn test_inside(
         .with_max_len(JOB)
         .filter(|(_, leaf)| u32::from(leaf.level) >= round)
         .flat_map_iter(|(index, leaf)| {
-            let corners = leaf.vertices.map(|v| values.values[v as usize]);
+            let vertices = leaf.vertices;
             let longest = (0..3)
                 .map(|k| {
-                    let [a, b] = [k, (k + 1) % 3].map(|i| draft.vertices[leaf.vertices[i] as usize].position);
+                    let [a, b] = [k, (k + 1) % 3].map(|i| draft.vertices[vertices[i] as usize].position);
                     (b - a).length()
                 })
                 .fold(0.0, f32::max);
-            let shared = leaf.vertices.iter().all(|&v| values.sharing.shares(v));
+            let shared = vertices.iter().all(|&v| values.sharing.shares(v));
             let fine = if shared { 2.0 * values.sharing.cell() } else { 0.0 };
-            let tested = if longest > params.inside_edge.max(fine) { &INSIDE[..] } else { &[] };
-            let calm = leaf.vertices.iter().all(|&v| values.calm[v as usize]);
-            let worst = tested
-                .iter()
-                .map(|weights| {
-                    let foretold =
-                        corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
-                    let found = field.evaluate_inside(draft, index as u32, *weights, calm);
-                    let light = (found + foretold) * 0.5 + Rgb::splat(floor);
-                    ((found - foretold).abs() / light).max_element()
+            let mut marked = None;
+            if longest > params.inside_edge.max(fine) {
+                let calm = vertices.iter().all(|&v| values.calm[v as usize]);
+                let foretold = vertices.iter().map(|&v| values.values[v as usize]).sum::<Rgb>() / 3.0;
+                let found = field.evaluate_inside(draft, index as u32, calm);
+                let light = (found + foretold) * 0.5 + Rgb::splat(floor);
+                let relative = ((found - foretold).abs() / light).max_element();
+                // What a linear interpolant misses there is most of what it misses at an edge's middle.
+                let cost = cost(relative, longest);
+                let misses = relative > 2.0 * params.tolerance && cost > 4.0 * params.blur * params.blur;
+                marked = misses.then_some(cost);
+            }
+            marked.into_iter().flat_map(move |cost| {
+                (0..3).map(move |k| {
+                    let (a, b) = (vertices[k], vertices[(k + 1) % 3]);
+                    (cost, (a.min(b), a.max(b)))
                 })
-                .fold(0.0, f32::max);
-            // What a linear interpolant misses at these points is most of what it misses at an edge's middle.
-            let cost = cost(worst, longest);
-            let marked = worst > 2.0 * params.tolerance && cost > 4.0 * params.blur * params.blur;
-            let vertices = leaf.vertices;
-            (0..if marked { 3 } else { 0 }).map(move |k| {
-                let (a, b) = (vertices[k], vertices[(k + 1) % 3]);
-                (cost, (a.min(b), a.max(b)))
             })
         })
         .collect()

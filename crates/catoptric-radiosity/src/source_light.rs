@@ -105,11 +105,9 @@ impl Field for SourceField<'_> {
         (light.sum(), light.calm)
     }
 
-    fn evaluate_inside(&self, draft: &Draft, leaf: u32, weights: [f32; 3], calm: bool) -> Rgb {
-        let receiver = draft.receiver_in_leaf(self.lights.tracer(), leaf, weights);
-        let entity =
-            u64::from(leaf) << 3 | (weights[0].to_bits() ^ weights[1].to_bits()) as u64 & 7 | 1 << 44;
-        let key = Key::new(self.params.seed, Purpose::Emitter, entity);
+    fn evaluate_inside(&self, draft: &Draft, leaf: u32, calm: bool) -> Rgb {
+        let receiver = draft.receiver_in_leaf(self.lights.tracer(), leaf, [1.0 / 3.0; 3]);
+        let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(leaf) | 1 << 44);
         self.light(&receiver, calm, key).sum()
     }
 }

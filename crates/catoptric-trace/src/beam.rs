@@ -216,27 +216,52 @@ impl Pyramid {
     }
 }
 
+/// Packets of triangles, at most, that are worth a look each instead of the tree.
+const MAX_SUSPECTS: usize = 8;
+
+/// What may be in the way in a pyramid: nothing outside it is.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Suspects {
+    packets: [u32; MAX_SUSPECTS],
+    count: usize,
+}
+
+impl Suspects {
+    /// Nothing at all is in the way, for certain.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    pub(crate) fn packets<'a>(&'a self, tree: &'a Tree) -> impl Iterator<Item = &'a Packet> {
+        self.packets[..self.count].iter().map(|&index| &tree.packets[index as usize])
+    }
+}
+
 impl Tree {
-    /// Whether no triangle at all may lie in the pyramid. Triangles that touch it from outside by less than the padding
+    /// The triangles that may lie in the pyramid, if they are few. Triangles that touch it from outside by less than the padding
     /// of the boxes do not count.
-    pub(crate) fn is_empty_in(&self, pyramid: &Pyramid) -> bool {
-        at_level!(self.level, eight => self.is_empty_by(eight, pyramid))
+    pub(crate) fn suspects_in(&self, pyramid: &Pyramid) -> Option<Suspects> {
+        at_level!(self.level, eight => self.suspects_by(eight, pyramid))
     }
 
     #[inline(always)]
-    fn is_empty_by<E: Eight>(&self, eight: E, pyramid: &Pyramid) -> bool {
+    fn suspects_by<E: Eight>(&self, eight: E, pyramid: &Pyramid) -> Option<Suspects> {
+        let mut suspects = Suspects::default();
         if self.nodes.is_empty() {
-            return true;
+            return Some(suspects);
         }
-        // Deeper trees than this count as in the way.
+        // Deeper trees than this are too many.
         let mut stack = [0_u32; 64];
         let mut length = 1;
         while length > 0 {
             length -= 1;
             let current = stack[length];
             if current & LEAF != 0 {
-                if self.packets[leaf(current)].iter().any(|p| pyramid.meets_packet(p, self.padding)) {
-                    return false;
+                for index in leaf(current) {
+                    if pyramid.meets_packet(&self.packets[index], self.padding) {
+                        *suspects.packets.get_mut(suspects.count)? = index as u32;
+                        suspects.count += 1;
+                    }
                 }
                 continue;
             }
@@ -245,13 +270,10 @@ impl Tree {
             while bits != 0 {
                 let slot = bits.trailing_zeros() as usize;
                 bits &= bits - 1;
-                if length == stack.len() {
-                    return false;
-                }
-                stack[length] = node.children[slot];
+                *stack.get_mut(length)? = node.children[slot];
                 length += 1;
             }
         }
-        true
+        Some(suspects)
     }
 }

@@ -23,3 +23,4 @@ pub use ledger::Ledger;
 pub use medium::{MediumId, MediumStack};
 pub use plane::{PlaneId, Planes};
 pub use tracer::{Hit, Ray, Tracer};
+pub use tree::Occlusion;

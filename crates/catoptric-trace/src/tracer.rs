@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use catoptric_scene::{AlphaMode, Barycentric, Rgb, Scene, Transmission, TriangleId};
 
-use crate::beam::Pyramid;
+use crate::beam::{Pyramid, Suspects};
 use crate::eight::Level;
 use crate::fresnel::{self, DiffuseFresnel};
 use crate::medium::Media;
@@ -292,9 +292,42 @@ impl<'a> Tracer<'a> {
         Rgb::ZERO
     }
 
-    /// Whether nothing at all lies in a pyramid. On the safe side: `true` is certain.
-    pub fn is_empty_in(&self, pyramid: &Pyramid) -> bool {
-        self.tree.is_empty_in(pyramid)
+    /// What may be in the way in a pyramid; `None` if that is much. On the safe side: nothing else is, for certain.
+    pub fn suspects_in(&self, pyramid: &Pyramid) -> Option<Suspects> {
+        self.tree.suspects_in(pyramid)
+    }
+
+    /// [`visibility`](Self::visibility) where nothing but what is suspected can be in the way.
+    #[inline]
+    pub fn visibility_among(
+        &self,
+        suspects: &Suspects,
+        origin: Vec3,
+        from: PlaneId,
+        target: Vec3,
+        to: PlaneId,
+    ) -> Rgb {
+        let direction = target - origin;
+        let probe = Probe::new(origin, direction, [from, to]);
+        match self.tree.occlusion_among(suspects, &probe, 1.0, |n| self.is_solid_here(n)) {
+            Occlusion::Blocked => Rgb::ZERO,
+            Occlusion::Free => Rgb::ONE,
+            Occlusion::Passing => self.undeviated(origin, from, direction, 1.0, to),
+        }
+    }
+
+    /// What a ray meets of what is suspected, within `limit` times its direction.
+    #[inline]
+    pub fn meets(
+        &self,
+        suspects: &Suspects,
+        origin: Vec3,
+        from: PlaneId,
+        direction: Vec3,
+        limit: f32,
+    ) -> Occlusion {
+        let probe = Probe::new(origin, direction, [from, PlaneId::NONE]);
+        self.tree.occlusion_among(suspects, &probe, limit, |n| self.is_solid_here(n))
     }
 
     /// Share of light that gets straight from `origin` out of the scene along `direction`.

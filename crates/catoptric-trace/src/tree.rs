@@ -14,6 +14,7 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::{Bvh2, leaf_collapser, reinsertion::ReinsertionOptimizer};
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
+use crate::beam::Suspects;
 use crate::eight::{Eight, Level, Plain, Row, at_level};
 use crate::plane::PlaneId;
 
@@ -432,36 +433,41 @@ impl Tree {
             limit,
             #[inline(always)]
             |packet, limit| {
-                let Some(candidates) = packet.intersect(probe, limit) else { return Some(limit) };
-                let mut bits = candidates.mask;
-                while bits != 0 {
-                    let lane = bits.trailing_zeros() as usize;
-                    bits &= bits - 1;
-                    if candidates.t[lane] >= limit || probe.ignore.contains(&packet.planes[lane]) {
-                        continue;
-                    }
-                    if packet.flags[lane] & CUT_OUT != 0 && !accept(&candidates.hit(lane, packet)) {
-                        continue;
-                    }
-                    if packet.flags[lane] & PASSES != 0 {
-                        occlusion = Occlusion::Passing;
-                    } else {
-                        occlusion = Occlusion::Blocked;
-                        return None;
-                    }
-                }
-                Some(limit)
+                occlusion = occlusion.max(packet.occlusion(probe, limit, &accept));
+                (occlusion < Occlusion::Blocked).then_some(limit)
             },
         );
         occlusion
     }
+
+    /// The same where nothing but what is suspected can be in the way.
+    #[inline]
+    pub(crate) fn occlusion_among(
+        &self,
+        suspects: &Suspects,
+        probe: &Probe,
+        limit: f32,
+        accept: impl Fn(&Nearest) -> bool,
+    ) -> Occlusion {
+        let mut occlusion = Occlusion::Free;
+        for packet in suspects.packets(self) {
+            occlusion = occlusion.max(packet.occlusion(probe, limit, &accept));
+            if occlusion == Occlusion::Blocked {
+                break;
+            }
+        }
+        occlusion
+    }
 }
 
-/// What lies on a segment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Occlusion {
+/// What lies on a segment, the worst last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Occlusion {
+    /// Nothing.
     Free,
+    /// What lets light pass undeviated.
     Passing,
+    /// What lets nothing pass.
     Blocked,
 }
 
@@ -533,6 +539,29 @@ impl Candidates {
 }
 
 impl Packet {
+    /// What lies at t < `limit`.
+    #[inline(always)]
+    fn occlusion(&self, probe: &Probe, limit: f32, accept: impl Fn(&Nearest) -> bool) -> Occlusion {
+        let mut occlusion = Occlusion::Free;
+        let Some(candidates) = self.intersect(probe, limit) else { return occlusion };
+        let mut bits = candidates.mask;
+        while bits != 0 {
+            let lane = bits.trailing_zeros() as usize;
+            bits &= bits - 1;
+            if candidates.t[lane] >= limit || probe.ignore.contains(&self.planes[lane]) {
+                continue;
+            }
+            if self.flags[lane] & CUT_OUT != 0 && !accept(&candidates.hit(lane, self)) {
+                continue;
+            }
+            if self.flags[lane] & PASSES == 0 {
+                return Occlusion::Blocked;
+            }
+            occlusion = Occlusion::Passing;
+        }
+        occlusion
+    }
+
     /// Watertight ray–triangle test (Woop, Benthin & Wald 2013, §3), four triangles at once: edge functions of the
     /// sheared triangle; where one is exactly zero it is computed again in f64, so that neighbours always agree.
     #[inline(always)]

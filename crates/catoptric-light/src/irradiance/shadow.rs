@@ -1,18 +1,17 @@
 //! How much of the sources' light arrives: shadow rays, stratified over each large part and shared among the small ones,
 //! and none where the pyramid before a part is empty.
 
-use std::ops::Range;
-
 use glam::DVec3;
 
 use catoptric_scene::{Rgb, Sky};
-use catoptric_trace::beam::{Base, End, Pyramid};
+use catoptric_trace::beam::{Base, End, Pyramid, Suspects};
 use catoptric_trace::sequence::Key;
-use catoptric_trace::{PlaneId, walk};
+use catoptric_trace::{Occlusion, PlaneId, walk};
 
 use crate::chains::Unfolded;
 use crate::contour;
 use crate::emitter::{Cell, Emitters};
+use crate::lamp::Lamp;
 use crate::light_tree::Windows;
 use crate::receiver::Receiver;
 
@@ -24,8 +23,8 @@ use super::{LOOK, Lights, Samples, Scratch, SourceIrradiance, Standpoint};
 enum Goal<'a> {
     /// A point in a plane.
     Plane(PlaneId),
-    /// The first of some triangles that they meet.
-    Triangles(&'a Range<u32>),
+    /// The first of a lamp's triangles that they meet.
+    Lamp(&'a Lamp),
 }
 
 /// What gets strata of its own.
@@ -67,7 +66,7 @@ impl<'a> Target<'a> {
             unit: part.unit,
             axis: part.axis,
             corners: &corners[part.corners.clone()],
-            to: Goal::Triangles(&lamp.triangles),
+            to: Goal::Lamp(lamp),
             cell: None,
             whole: None,
         }
@@ -106,6 +105,7 @@ impl Lights<'_> {
         light: DVec3,
         to: Goal,
         distance: f64,
+        suspects: Option<&Suspects>,
         scratch: &mut Scratch,
         tally: &mut Tally,
     ) -> Rgb {
@@ -116,18 +116,32 @@ impl Lights<'_> {
             self.chains.targets(chain, light, &mut scratch.targets);
         }
         let share = match (chain, to) {
-            (None, Goal::Plane(to)) => self.tracer.visibility(position, plane, light.as_vec3(), to),
-            (None, Goal::Triangles(lamp)) => {
-                self.tracer.reaches(position, plane, light.as_vec3() - position, lamp)
+            (None, Goal::Plane(to)) => match suspects {
+                Some(suspects) => {
+                    self.tracer.visibility_among(suspects, position, plane, light.as_vec3(), to)
+                }
+                None => self.tracer.visibility(position, plane, light.as_vec3(), to),
+            },
+            (None, Goal::Lamp(lamp)) => {
+                let direction = light.as_vec3() - position;
+                let meets = |s, limit| self.tracer.meets(s, position, plane, direction, limit);
+                let before = lamp.distance(position.as_dvec3()) as f32 / direction.length();
+                match suspects {
+                    // Where it meets nothing else, it meets the lamp.
+                    Some(s) if meets(s, f32::INFINITY) == Occlusion::Free => Rgb::ONE,
+                    Some(s) if meets(s, before) == Occlusion::Blocked => Rgb::ZERO,
+                    _ => self.tracer.reaches(position, plane, direction, &lamp.triangles),
+                }
             }
             (Some(chain), Goal::Plane(to)) => {
                 walk::follow(self.tracer, position, plane, &chain.planes, &scratch.targets, to)
             }
-            (Some(chain), Goal::Triangles(lamp)) => {
+            (Some(chain), Goal::Lamp(lamp)) => {
                 match walk::over_mirrors(self.tracer, position, plane, &chain.planes, &scratch.targets) {
                     Some(left) => {
                         let direction = left.target - left.origin;
-                        left.throughput * self.tracer.reaches(left.origin, left.from, direction, lamp)
+                        left.throughput
+                            * self.tracer.reaches(left.origin, left.from, direction, &lamp.triangles)
                     }
                     None => Rgb::ZERO,
                 }
@@ -137,12 +151,13 @@ impl Lights<'_> {
         share * self.tracer.media().transmittance(receiver.media.current(), distance as f32)
     }
 
-    /// Whether all shadow rays to a polygon, over the mirrors of a chain, are certain to arrive.
-    fn is_free(&self, at: Standpoint, base: &[DVec3], to: Goal) -> bool {
-        let Some(base) = Base::around(base) else { return false };
+    /// What may block shadow rays to a polygon, over the mirrors of a chain; `None` if that is much, or something on the way
+    /// over mirrors.
+    fn suspects(&self, at: Standpoint, base: &[DVec3], to: Goal) -> Option<Suspects> {
+        let base = Base::around(base)?;
         let (goal, lamp) = match to {
             Goal::Plane(plane) => (plane, 0..0),
-            Goal::Triangles(lamp) => (PlaneId::NONE, lamp.clone()),
+            Goal::Lamp(lamp) => (PlaneId::NONE, lamp.triangles.clone()),
         };
         let receiver = at.receiver;
         let position = receiver.position.as_dvec3();
@@ -150,18 +165,18 @@ impl Lights<'_> {
         let mut eye = position;
         for (chain, level) in at.chain.iter().flat_map(|c| (0..c.planes.len()).map(move |level| (c, level))) {
             // Up to each mirror, towards the image of the light behind it.
-            let Some((mirrors, id)) = chain.mirrors_from(level) else { return false };
+            let (mirrors, id) = chain.mirrors_from(level)?;
             let image = mirrors.iter().rev().fold(base, |base, plane| base.reflected(plane));
             let far = End::mirror(&mirrors[0], id, eye);
-            let pyramid = Pyramid::new(eye, &image, near, far, 0..0);
-            if !pyramid.is_some_and(|p| self.tracer.is_empty_in(&p)) {
-                return false;
+            let pyramid = Pyramid::new(eye, &image, near, far, 0..0)?;
+            if !self.tracer.suspects_in(&pyramid)?.is_empty() {
+                return None;
             }
             eye = mirrors[0].reflect_point(eye);
             near = End::mirror(&mirrors[0], id, image.reflected(&mirrors[0]).corners()[0]);
         }
-        let Some(far) = End::behind(&base, eye, goal) else { return false };
-        Pyramid::new(eye, &base, near, far, lamp).is_some_and(|p| self.tracer.is_empty_in(&p))
+        let far = End::behind(&base, eye, goal)?;
+        self.tracer.suspects_in(&Pyramid::new(eye, &base, near, far, lamp)?)
     }
 
     /// Whether light that nothing blocks arrives as the contour formula says: no coat, and nothing that absorbs.
@@ -187,7 +202,8 @@ impl Lights<'_> {
             tally.mixed();
         }
         let lobed = target.cell.filter(|cell| !cell.lobe.is_diffuse());
-        let free = count > 1 && self.is_free(at, target.corners, target.to);
+        let suspects = if count > 1 { self.suspects(at, target.corners, target.to) } else { None };
+        let free = suspects.is_some_and(|s| s.is_empty());
         if free && chain.is_none() && textured.is_none() && self.is_plain(receiver) {
             tally.count(Rgb::ONE);
             return target.irradiance();
@@ -221,7 +237,7 @@ impl Lights<'_> {
             let mut share = if free && chain.is_none() {
                 self.tracer.media().transmittance(receiver.media.current(), distance as f32)
             } else {
-                self.throughput(at, light, target.to, distance, scratch, tally)
+                self.throughput(at, light, target.to, distance, suspects.as_ref(), scratch, tally)
             };
             if share == Rgb::ZERO {
                 continue;
@@ -286,7 +302,8 @@ impl Lights<'_> {
                 if cell.textured {
                     each *= cell.radiance_at(self.tracer, light) / cell.radiance.max(Rgb::splat(1e-30));
                 }
-                let seen = self.throughput(at, light, Goal::Plane(cell.plane), distance, scratch, tally);
+                let seen =
+                    self.throughput(at, light, Goal::Plane(cell.plane), distance, None, scratch, tally);
                 result.irradiance += each * seen * receiver.coat.transmittance(cos);
             }
             position += weight;
@@ -396,7 +413,7 @@ impl Lights<'_> {
                 let direction = self.bright.direction_in(map, texel, jitter.x, jitter.y);
                 let cos = image.normal.dot(direction.as_dvec3()).max(0.0);
                 let light = image.position + direction.as_dvec3() * f64::from(self.far);
-                let seen = self.throughput(at, light, Goal::Plane(PlaneId::NONE), 0.0, scratch, tally);
+                let seen = self.throughput(at, light, Goal::Plane(PlaneId::NONE), 0.0, None, scratch, tally);
                 let center_cos = image.normal.dot(texel.direction.as_dvec3());
                 let each = texel.power * (center_cos * step / weight) as f32;
                 let tilt = (cos / center_cos) as f32;
