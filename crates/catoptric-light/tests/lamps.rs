@@ -8,7 +8,7 @@ use catoptric_scene::{
 };
 use catoptric_trace::PlaneId;
 use catoptric_trace::Tracer;
-use catoptric_trace::beam::{Base, End, Pyramid};
+use catoptric_trace::beam::{Base, End, MAX_SUSPECTS, Pyramid};
 use catoptric_trace::sequence::{Key, Purpose};
 use glam::{DVec3, Vec3};
 
@@ -143,7 +143,8 @@ fn an_empty_pyramid_has_no_shadow() {
         let eye = position.as_dvec3();
         let near = End::new(eye, normal.as_dvec3(), from);
         let far = End::behind(&base, eye, PlaneId::NONE).expect("a polygon");
-        let suspects = Pyramid::new(eye, &base, near, far, 0..0).and_then(|p| tracer.suspects_in(&p));
+        let suspects =
+            Pyramid::new(eye, &base, near, far, 0..0).and_then(|p| tracer.suspects_in(&p, MAX_SUSPECTS));
         let says = suspects.is_some_and(|s| s.is_empty());
         let seen = (0..256).all(|ray| {
             let at = key.child(9).child(index).point2(ray);
@@ -182,7 +183,8 @@ fn suspects_block_what_the_scene_blocks() {
         let base = Base::around(&[corner, corner + u, corner + u + v, corner + v]).expect("a polygon");
         let far = End::behind(&base, eye, PlaneId::NONE).expect("a polygon");
         let near = End::new(eye, DVec3::Y, PlaneId::NONE);
-        let Some(suspects) = Pyramid::new(eye, &base, near, far, 0..0).and_then(|p| tracer.suspects_in(&p))
+        let Some(suspects) =
+            Pyramid::new(eye, &base, near, far, 0..0).and_then(|p| tracer.suspects_in(&p, MAX_SUSPECTS))
         else {
             many += 1;
             continue;

@@ -217,7 +217,7 @@ impl Pyramid {
 }
 
 /// Packets of triangles, at most, that are worth a look each instead of the tree.
-const MAX_SUSPECTS: usize = 8;
+pub const MAX_SUSPECTS: usize = 8;
 
 /// What may be in the way in a pyramid: nothing outside it is.
 #[derive(Clone, Copy, Debug, Default)]
@@ -238,14 +238,14 @@ impl Suspects {
 }
 
 impl Tree {
-    /// The triangles that may lie in the pyramid, if they are few. Triangles that touch it from outside by less than the padding
-    /// of the boxes do not count.
-    pub(crate) fn suspects_in(&self, pyramid: &Pyramid) -> Option<Suspects> {
-        at_level!(self.level, eight => self.suspects_by(eight, pyramid))
+    /// The triangles that may lie in the pyramid, if they are in `most` packets at most. Triangles that touch it from outside by
+    /// less than the padding of the boxes do not count.
+    pub(crate) fn suspects_in(&self, pyramid: &Pyramid, most: usize) -> Option<Suspects> {
+        at_level!(self.level, eight => self.suspects_by(eight, pyramid, most.min(MAX_SUSPECTS)))
     }
 
     #[inline(always)]
-    fn suspects_by<E: Eight>(&self, eight: E, pyramid: &Pyramid) -> Option<Suspects> {
+    fn suspects_by<E: Eight>(&self, eight: E, pyramid: &Pyramid, most: usize) -> Option<Suspects> {
         let mut suspects = Suspects::default();
         if self.nodes.is_empty() {
             return Some(suspects);
@@ -259,7 +259,7 @@ impl Tree {
             if current & LEAF != 0 {
                 for index in leaf(current) {
                     if pyramid.meets_packet(&self.packets[index], self.padding) {
-                        *suspects.packets.get_mut(suspects.count)? = index as u32;
+                        *suspects.packets[..most].get_mut(suspects.count)? = index as u32;
                         suspects.count += 1;
                     }
                 }

@@ -292,9 +292,10 @@ impl<'a> Tracer<'a> {
         Rgb::ZERO
     }
 
-    /// What may be in the way in a pyramid; `None` if that is much. On the safe side: nothing else is, for certain.
-    pub fn suspects_in(&self, pyramid: &Pyramid) -> Option<Suspects> {
-        self.tree.suspects_in(pyramid)
+    /// What may be in the way in a pyramid; `None` if that is more than `most` packets of four triangles, or than
+    /// [`MAX_SUSPECTS`](crate::beam::MAX_SUSPECTS). On the safe side: nothing else is, for certain.
+    pub fn suspects_in(&self, pyramid: &Pyramid, most: usize) -> Option<Suspects> {
+        self.tree.suspects_in(pyramid, most)
     }
 
     /// [`visibility`](Self::visibility) where nothing but what is suspected can be in the way.

@@ -93,6 +93,8 @@ enum Shared<'a> {
 
 /// Samples of a smooth integrand, where nothing blocks: Fresnel's reflectance of mirrors, the transmittance of a medium.
 const FREE_SAMPLES: u32 = 4;
+/// A packet of suspects is worth its finding if so many rays ask it.
+const RAYS_PER_SUSPECT: u32 = 8;
 /// Places in a small piece of a lobe that are weighed for one shadow ray.
 const PLACES: u32 = 8;
 
@@ -151,9 +153,9 @@ impl Lights<'_> {
         share * self.tracer.media().transmittance(receiver.media.current(), distance as f32)
     }
 
-    /// What may block shadow rays to a polygon, over the mirrors of a chain; `None` if that is much, or something on the way
-    /// over mirrors.
-    fn suspects(&self, at: Standpoint, base: &[DVec3], to: Goal) -> Option<Suspects> {
+    /// What may block `count` shadow rays to a polygon, over the mirrors of a chain; `None` if it is not worth to know, and where
+    /// something may be in the way to a mirror.
+    fn suspects(&self, at: Standpoint, base: &[DVec3], to: Goal, count: u32) -> Option<Suspects> {
         let base = Base::around(base)?;
         let (goal, lamp) = match to {
             Goal::Plane(plane) => (plane, 0..0),
@@ -169,14 +171,13 @@ impl Lights<'_> {
             let image = mirrors.iter().rev().fold(base, |base, plane| base.reflected(plane));
             let far = End::mirror(&mirrors[0], id, eye);
             let pyramid = Pyramid::new(eye, &image, near, far, 0..0)?;
-            if !self.tracer.suspects_in(&pyramid)?.is_empty() {
-                return None;
-            }
+            self.tracer.suspects_in(&pyramid, 0)?;
             eye = mirrors[0].reflect_point(eye);
             near = End::mirror(&mirrors[0], id, image.reflected(&mirrors[0]).corners()[0]);
         }
         let far = End::behind(&base, eye, goal)?;
-        self.tracer.suspects_in(&Pyramid::new(eye, &base, near, far, lamp)?)
+        let most = if at.chain.is_some() { 0 } else { (count / RAYS_PER_SUSPECT) as usize };
+        self.tracer.suspects_in(&Pyramid::new(eye, &base, near, far, lamp)?, most)
     }
 
     /// Whether light that nothing blocks arrives as the contour formula says: no coat, and nothing that absorbs.
@@ -202,7 +203,7 @@ impl Lights<'_> {
             tally.mixed();
         }
         let lobed = target.cell.filter(|cell| !cell.lobe.is_diffuse());
-        let suspects = if count > 1 { self.suspects(at, target.corners, target.to) } else { None };
+        let suspects = if count > 1 { self.suspects(at, target.corners, target.to, count) } else { None };
         let free = suspects.is_some_and(|s| s.is_empty());
         if free && chain.is_none() && textured.is_none() && self.is_plain(receiver) {
             tally.count(Rgb::ONE);
