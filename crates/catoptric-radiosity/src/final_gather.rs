@@ -400,7 +400,9 @@ pub(crate) fn final_gather(
         return Err(Cancelled);
     }
 
-    let fit_params = FitParams { smoothing: params.gather_fit.smoothing * spacing, ..params.gather_fit };
+    let FitParams { smoothing, balance, .. } = params.gather_fit;
+    let fit_params =
+        FitParams { smoothing: smoothing * spacing, balance: balance * spacing, ..params.gather_fit };
     let mut terms: Vec<Option<[Rgb; 4]>> = vec![None; draft.vertices.len()];
     for &v in &displayed.origin {
         terms[v as usize] = Some([Rgb::ZERO; 4]);

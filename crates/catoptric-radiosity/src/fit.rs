@@ -5,7 +5,8 @@
 //! sample at the vertex and m_v a third of the area around it. Hat functions sum to one, so without the prior the fit
 //! keeps the integral: Σ a_s (f(x_s) − h_s) = 0. The prior holds vertices that few samples reach. A membrane
 //! ℓ² ∫|∇f|² averages over the length ℓ where elements are finer than that and samples would leave noise; it keeps the
-//! integral, too.
+//! integral, too. A strong prior does not: point samples at vertices see the dark of corners. What it takes from the samples is
+//! given back, spread so wide that no noise returns with it: Σ a_s (h_s − f(x_s)) is fitted in turn, with a wide membrane.
 
 use catoptric_scene::Rgb;
 use catoptric_solution::DisplayMesh;
@@ -30,6 +31,8 @@ pub struct FitParams {
     pub prior: f32,
     /// ℓ: light is averaged over this length where the mesh is finer, metres.
     pub smoothing: f32,
+    /// What the prior takes from the samples is given back over this length, metres; 0: it is not.
+    pub balance: f32,
     /// Steps of the conjugate gradients at most.
     pub max_steps: usize,
     /// Residual relative to the right-hand side at which they stop.
@@ -38,15 +41,53 @@ pub struct FitParams {
 
 impl Default for FitParams {
     fn default() -> Self {
-        Self { prior: 0.05, smoothing: 0.0, max_steps: 60, tolerance: 1e-4 }
+        Self { prior: 0.05, smoothing: 0.0, balance: 0.0, max_steps: 60, tolerance: 1e-4 }
     }
 }
+
+/// What holds the balance where there are no samples, and the residual at which its fit stops: it is small.
+const BALANCE_PRIOR: f32 = 0.01;
+const BALANCE_TOLERANCE: f64 = 1e-2;
 
 /// `trust` scales the prior per vertex: near zero where nobody looks, so that the membrane carries the light of the
 /// neighbours over; above one where a vertex has seen more per area than the samples.
 ///
 /// Fits `values[s]` at `samples[s]`, starting from and held by `prior` per vertex. Never negative.
 pub fn fit(
+    mesh: &DisplayMesh,
+    samples: &[FitSample],
+    values: &[Rgb],
+    prior: &[Rgb],
+    trust: &[f32],
+    params: &FitParams,
+) -> Vec<Rgb> {
+    let mut x = least_squares(mesh, samples, values, prior, trust, params);
+    if params.balance > 0.0 {
+        let left: Vec<Rgb> = samples
+            .iter()
+            .zip(values)
+            .map(|(s, &value)| {
+                let corners = mesh.elements[s.element as usize].vertices;
+                value - corners.iter().zip(s.weights).map(|(&v, w)| x[v as usize] * w).sum::<Rgb>()
+            })
+            .collect();
+        let wide = FitParams {
+            prior: BALANCE_PRIOR,
+            smoothing: params.balance,
+            tolerance: BALANCE_TOLERANCE,
+            ..*params
+        };
+        let nothing = vec![Rgb::ZERO; x.len()];
+        for (x, more) in x.iter_mut().zip(least_squares(mesh, samples, &left, &nothing, trust, &wide)) {
+            *x += more;
+        }
+    }
+    lift(mesh, &mut x);
+    x
+}
+
+/// The minimum, which may be below zero.
+fn least_squares(
     mesh: &DisplayMesh,
     samples: &[FitSample],
     values: &[Rgb],
@@ -151,7 +192,6 @@ pub fn fit(
             direction[i] = z[i] + direction[i] * beta[part as usize];
         }
     }
-    lift(mesh, &mut x);
     x
 }
 
@@ -297,10 +337,37 @@ mod tests {
         let values: Vec<Rgb> = samples.iter().map(|s| light(position(&mesh, s))).collect();
         let prior = vec![Rgb::ONE; mesh.vertices.len()];
         let trust = vec![1.0; mesh.vertices.len()];
-        let params = FitParams { prior: 1e-6, smoothing: 0.0, max_steps: 400, tolerance: 1e-7 };
+        let params = FitParams { prior: 1e-6, max_steps: 400, tolerance: 1e-7, ..FitParams::default() };
         for (v, value) in fit(&mesh, &samples, &values, &prior, &trust, &params).iter().enumerate() {
             assert!((*value - light(mesh.vertices[v].position)).length() < 1e-3, "vertex {v}: {value}");
         }
+    }
+
+    /// A strong prior that is a tenth too dark on one half of a strip takes light there; the balance gives it back there, and
+    /// leaves the other half alone.
+    #[test]
+    fn what_the_prior_takes_is_given_back_where_it_was() {
+        let mesh = strip(40);
+        let samples = samples(&mesh);
+        let values = vec![Rgb::ONE; samples.len()];
+        let is_dark = |v: usize| mesh.vertices[v].position.x < 20.0;
+        let prior: Vec<Rgb> =
+            (0..mesh.vertices.len()).map(|v| Rgb::splat(if is_dark(v) { 0.9 } else { 1.0 })).collect();
+        let trust = vec![1.0; mesh.vertices.len()];
+        let held = FitParams { prior: 0.5, ..FitParams::default() };
+        let mean = |params: &FitParams, dark: bool| {
+            let fitted = fit(&mesh, &samples, &values, &prior, &trust, params);
+            // Away from the ends and from where the halves meet.
+            let far = |v: &usize| (mesh.vertices[*v].position.x - 20.0).abs() > 4.0 && is_dark(*v) == dark;
+            let values: Vec<f32> = (0..fitted.len()).filter(far).map(|v| fitted[v].x).collect();
+            values.iter().sum::<f32>() / values.len() as f32
+        };
+        // The mass of the prior is half of that of the samples: a third of what it lacks is taken.
+        assert!((mean(&held, true) - (1.0 - 0.1 / 3.0)).abs() < 1e-3, "{}", mean(&held, true));
+        let balanced = FitParams { balance: 2.0, ..held };
+        // The prior of the balance, a hundredth, keeps as much of it.
+        assert!((mean(&balanced, true) - 1.0).abs() < 0.02 * 0.1, "{}", mean(&balanced, true));
+        assert!((mean(&balanced, false) - 1.0).abs() < 0.02 * 0.1, "{}", mean(&balanced, false));
     }
 
     /// A part a million times as bright neither ends nor disturbs the fit of another.
@@ -336,7 +403,13 @@ mod tests {
             samples.iter().map(|s| Rgb::splat(1.0 / (1.0 + (position(&mesh, s).x - 3.0).powi(2)))).collect();
         let prior = vec![Rgb::ONE; mesh.vertices.len()];
         let trust = vec![1.0; mesh.vertices.len()];
-        let params = FitParams { prior: 1e-7, smoothing: 0.3, max_steps: 400, tolerance: 1e-8 };
+        let params = FitParams {
+            prior: 1e-7,
+            smoothing: 0.3,
+            max_steps: 400,
+            tolerance: 1e-8,
+            ..FitParams::default()
+        };
         let fitted = fit(&mesh, &samples, &values, &prior, &trust, &params);
         let sent: f32 = samples.iter().zip(&values).map(|(s, v)| s.area * v.x).sum();
         let kept: f32 = (0..mesh.elements.len() as u32)

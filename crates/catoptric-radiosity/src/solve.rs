@@ -61,7 +61,7 @@ pub struct SolveParams {
     pub gather_points: f32,
     /// The mesh of the gathers where surfaces are near to each other.
     pub near: NearParams,
-    /// The least-squares fit of the gathers; its smoothing is a multiple of the base edge length.
+    /// The least-squares fit of the gathers; its lengths are multiples of the base edge length.
     pub gather_fit: FitParams,
     /// Light-side rays.
     pub caustic: CausticParams,
@@ -113,7 +113,7 @@ impl SolveParams {
                 detail_share: 0.7,
                 max_details: DETAILS_PER_TRIANGLE * base_triangles,
             },
-            gather_fit: FitParams { prior: 0.3, smoothing: 0.06, ..FitParams::default() },
+            gather_fit: FitParams { prior: 0.45, smoothing: 0.06, balance: 1.0, ..FitParams::default() },
             solver: SolverParams::default(),
             coarse: CoarseParams::default(),
             reconstruction: None,
