@@ -180,10 +180,11 @@ pub fn gather_part(
     }
     if controlled {
         let exact = lights.broad_unoccluded(receiver);
-        // Each half is corrected with the coefficient of the other, so that no sample decides its own weight.
-        for (own, other) in [(0, 1), (1, 0)] {
-            let missing = exact * (halves[own].weight / rays.max(1) as f32) - halves[own].control * each;
-            result.direct += missing * halves[other].coefficient();
+        // Each half is corrected with the coefficient of the other, so that no sample decides its own weight; with its own
+        // where the other met no broad emitter.
+        for (own, other) in [(0, 1), (1, 0)].map(|(own, other)| (&halves[own], &halves[other])) {
+            let missing = exact * (own.weight / rays.max(1) as f32) - own.control * each;
+            result.direct += missing * other.coefficient().or(own.coefficient()).unwrap_or(1.0);
         }
     }
     result.ledger = ledger;
@@ -216,12 +217,13 @@ impl Half {
         }
     }
 
-    /// Cov(f, g)/Var(g): 1 where the broad emitters are all there is, 0 in a furnace, where every ray finds the same.
-    fn coefficient(&self) -> f32 {
+    /// Cov(f, g)/Var(g): 1 where the broad emitters are all there is, 0 in a furnace, where every ray finds the same. `None`
+    /// where g does not vary.
+    fn coefficient(&self) -> Option<f32> {
         let n = f64::from(self.weight.max(1.0));
         let [f, g, fg, gg] = self.moments.map(|m| m / n);
         let variance = gg - g * g;
-        if variance > 1e-6 * gg { ((fg - f * g) / variance).clamp(0.0, 1.0) as f32 } else { 1.0 }
+        (variance > 1e-6 * gg).then(|| ((fg - f * g) / variance).clamp(0.0, 1.0) as f32)
     }
 }
 
