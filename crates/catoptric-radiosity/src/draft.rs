@@ -62,7 +62,7 @@ pub struct Draft {
     pub faces: Vec<FaceDraft>,
     /// Vertices; parents stand before their children.
     pub vertices: Vec<DraftVertex>,
-    /// Unsplit triangles, grouped by face.
+    /// Unsplit triangles, face by face.
     pub leaves: Vec<Leaf>,
     /// Number of base triangles.
     pub roots: usize,
@@ -356,14 +356,24 @@ impl Draft {
     /// Returns the range of vertices that were made.
     pub fn split(&mut self, tracer: &Tracer, marks: &[(u32, u32)]) -> std::ops::Range<u32> {
         let before = self.vertices.len() as u32;
+        // What is new is at these vertices: a leaf that has fewer than two of them is as it was.
+        let mut touched = vec![false; self.vertices.len()];
         for &(a, b) in marks {
-            self.midpoint(tracer, a, b);
+            let middle = self.midpoint(tracer, a, b);
             self.marked.insert(edge(a, b));
+            self.touch(&mut touched, &[a, b, middle]);
         }
         loop {
             // All leaves are looked at before the first is split: side by side, in whatever order.
-            let wanted: Vec<bool> =
-                self.leaves.par_iter().with_min_len(512).map(|leaf| self.is_to_be_split(leaf)).collect();
+            let wanted: Vec<bool> = self
+                .leaves
+                .par_iter()
+                .with_min_len(512)
+                .map(|leaf| {
+                    let count = leaf.vertices.iter().filter(|&&v| touched[v as usize]).count();
+                    count > 1 && self.is_to_be_split(leaf)
+                })
+                .collect();
             if !wanted.contains(&true) {
                 return before..self.vertices.len() as u32;
             }
@@ -378,6 +388,7 @@ impl Draft {
                     self.marked.insert(edge(p, q));
                     self.midpoint(tracer, p, q)
                 });
+                self.touch(&mut touched, &[a, b, c, ab, bc, ca]);
                 for vertices in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
                     if self.faces[leaf.face as usize].curved {
                         self.note_edges(leaf.face, vertices);
@@ -386,6 +397,17 @@ impl Draft {
                 }
             }
             self.leaves = leaves;
+        }
+    }
+
+    /// Notes vertices and the ends of the edges that they halve: a leaf on the other side may have the whole edge.
+    fn touch(&self, touched: &mut Vec<bool>, vertices: &[u32]) {
+        touched.resize(self.vertices.len(), false);
+        for &v in vertices {
+            touched[v as usize] = true;
+            for end in self.vertices[v as usize].parents.into_iter().flatten() {
+                touched[end as usize] = true;
+            }
         }
     }
 
@@ -512,10 +534,6 @@ impl Draft {
 
     /// The mesh as both passes read it, with the draft's index of each kept vertex and the base triangle of each element.
     pub fn display(&self, tracer: &Tracer) -> Displayed {
-        let mut by_face: Vec<Vec<u32>> = vec![Vec::new(); self.faces.len()];
-        for (index, leaf) in self.leaves.iter().enumerate() {
-            by_face[leaf.face as usize].push(index as u32);
-        }
         let mut kept = vec![u32::MAX; self.vertices.len()];
         let mut origin = Vec::new();
         let mut roots = Vec::new();
@@ -527,10 +545,11 @@ impl Draft {
             vec![FaceId::NONE; tracer.scene().triangles().len()],
             vec![FaceId::NONE; tracer.scene().triangles().len()],
         ];
+        let mut leaf = 0;
         for (index, face) in self.faces.iter().enumerate() {
             let start = elements.len() as u32;
-            for &leaf in &by_face[index] {
-                self.closed(&self.leaves[leaf as usize], |corners| {
+            while self.leaves.get(leaf).is_some_and(|l| l.face as usize == index) {
+                self.closed(&self.leaves[leaf], |corners| {
                     let own = corners.map(|v| {
                         if kept[v as usize] == u32::MAX {
                             kept[v as usize] = vertices.len() as u32;
@@ -546,9 +565,10 @@ impl Draft {
                         kept[v as usize]
                     });
                     elements.push(Element { vertices: own });
-                    roots.push(self.leaves[leaf as usize].root);
-                    leaves.push(leaf);
+                    roots.push(self.leaves[leaf].root);
+                    leaves.push(leaf as u32);
                 });
+                leaf += 1;
             }
             for &triangle in &face.triangles {
                 face_of[face.side.index()][triangle.index()] = FaceId(index as u32);

@@ -76,7 +76,8 @@ impl Locator {
         }
         let first_cell = self.starts.len() as u32;
         let extent = max - min;
-        if corners.is_empty() || !extent.is_finite() {
+        // A face of one element needs none.
+        if corners.len() < 2 || !extent.is_finite() {
             self.grids.push(Grid { first_cell, ..Grid::default() });
             return;
         }
@@ -93,20 +94,32 @@ impl Locator {
             // A hair wider than the element: a point on a cell border may round either way.
             (clamp((low - 1e-3).floor()), clamp((high + 1e-3).floor()))
         };
-        let mut lists: Vec<Vec<u32>> = vec![Vec::new(); (columns * rows) as usize];
-        for (index, [a, b, c]) in corners.iter().enumerate() {
-            let low = (a.min(*b).min(*c) - min) * cells_per_metre;
-            let high = (a.max(*b).max(*c) - min) * cells_per_metre;
-            let ((x0, x1), (y0, y1)) = (range(low.x, high.x, columns), range(low.y, high.y, rows));
-            for y in y0..=y1 {
-                for x in x0..=x1 {
-                    lists[(y * columns + x) as usize].push(first_element + index as u32);
-                }
-            }
+        // Counted first, so that one table holds all lists.
+        let cells: Vec<[u32; 4]> = corners
+            .iter()
+            .map(|[a, b, c]| {
+                let low = (a.min(*b).min(*c) - min) * cells_per_metre;
+                let high = (a.max(*b).max(*c) - min) * cells_per_metre;
+                let ((x0, x1), (y0, y1)) = (range(low.x, high.x, columns), range(low.y, high.y, rows));
+                [x0, x1, y0, y1]
+            })
+            .collect();
+        let within = |&[x0, x1, y0, y1]: &[u32; 4]| {
+            (y0..=y1).flat_map(move |y| (x0..=x1).map(move |x| (y * columns + x) as usize))
+        };
+        let mut next = vec![0_u32; (columns * rows) as usize];
+        cells.iter().flat_map(within).for_each(|cell| next[cell] += 1);
+        let mut end = self.entries.len() as u32;
+        for next in &mut next {
+            self.starts.push(end);
+            end += std::mem::replace(next, end);
         }
-        for list in &lists {
-            self.starts.push(self.entries.len() as u32);
-            self.entries.extend(list);
+        self.entries.resize(end as usize, 0);
+        for (index, own) in cells.iter().enumerate() {
+            for cell in within(own) {
+                self.entries[next[cell] as usize] = first_element + index as u32;
+                next[cell] += 1;
+            }
         }
         self.grids.push(grid);
     }
