@@ -1,0 +1,405 @@
+//! The rays of the final gather: what the vertices find, and by it how many rays go where from the points inside the elements.
+
+use std::ops::Range;
+
+use glam::Vec2;
+use rayon::prelude::*;
+
+use catoptric_light::{Lights, Receiver};
+use catoptric_scene::{Progress, Rgb};
+use catoptric_solution::DisplayMesh;
+use catoptric_trace::sequence::{Key, Purpose, triangle_point};
+
+use crate::JOB;
+use crate::allocation::{Allocation, areas_around, relative_deviation, vertex_budgets};
+use crate::draft::{Displayed, Draft, drawn_inside};
+use crate::fit::FitSample;
+use crate::gather::{DiffuseLight, Gathered, gather_part};
+use crate::guide::{Findings, Guide};
+use crate::hats::{Hats, POINTS_AROUND};
+use crate::sharing::Sharing;
+use crate::solve::SolveParams;
+
+/// Irradiance below this share of the scene's mean counts as that much where rays are shared out.
+const FLOOR: f32 = 0.005;
+
+/// Rays inside an element at least where broad emitters are a control variate: coefficients by fewer are noise (furnace_mirror:
+/// FLIP 0.0042 by 16 rays, 0.0014 by 64).
+const CONTROLLED_RAYS: u32 = 64;
+
+/// How much the fit trusts what vertices share: no samples inside speak against it.
+const SHARED_TRUST: f32 = 40.0;
+
+/// Tells the keys of gathers apart: in the entity of their rays.
+const AT_SAMPLE: u64 = 1 << 43;
+const AROUND_LEAD: u64 = 1 << 45;
+/// … and of the points at which they are.
+const SAMPLES: u64 = 1 << 42;
+const AROUND: u64 = 1 << 47;
+
+/// A final gather: where it is done, and with what.
+pub(super) struct Gathers<'a> {
+    lights: &'a Lights<'a>,
+    pub(super) draft: &'a Draft,
+    /// The draft as it is shown.
+    pub(super) displayed: Displayed,
+    hats: Hats,
+    hidden: &'a [bool],
+    shared: SharedGathers<'a>,
+    params: &'a SolveParams,
+    progress: &'a dyn Progress,
+    /// Area of a base triangle, m².
+    whole: f32,
+    /// Broad emitters are a control variate of all rays at once: none are held back for where the others find most.
+    at_once: bool,
+}
+
+/// What the vertices found.
+pub(super) struct Vertices {
+    /// Per display vertex.
+    pub(super) gathered: Vec<Gathered>,
+    /// Rays, likewise.
+    pub(super) rays: Vec<u32>,
+    /// How much the fit trusts them, likewise.
+    pub(super) trust: Vec<f32>,
+    /// Display vertices that gather for themselves alone: only what they find is kept by direction.
+    own: Vec<u32>,
+    /// Per vertex of `own`.
+    findings: Vec<Findings>,
+    /// Per display vertex: its place in `own`; `u32::MAX` for others.
+    place: Vec<u32>,
+}
+
+/// What the points inside the elements found.
+pub(super) struct Inside {
+    /// Per sample.
+    pub(super) gathered: Vec<Gathered>,
+    /// Rays, likewise.
+    pub(super) rays: Vec<u32>,
+}
+
+/// How many rays a gather gets by what is found beside it.
+pub(super) struct Budget {
+    allocation: Allocation,
+    /// Per display vertex: the least light of sources at it and its neighbours, which hides errors.
+    least: Vec<f32>,
+    /// Light that hides errors everywhere.
+    floor: f32,
+}
+
+impl Budget {
+    fn deviation(&self, guide: &Guide, least: f32) -> f32 {
+        relative_deviation(guide, least + self.floor)
+    }
+}
+
+impl<'a> Gathers<'a> {
+    /// On the vertices and elements of `draft`.
+    pub(super) fn new(
+        lights: &'a Lights<'a>,
+        draft: &'a Draft,
+        hidden: &'a [bool],
+        sharing: &'a Sharing,
+        params: &'a SolveParams,
+        spacing: f32,
+        progress: &'a dyn Progress,
+    ) -> Self {
+        let displayed = draft.display(lights.tracer());
+        Self {
+            lights,
+            draft,
+            hats: Hats::new(&displayed, draft.vertices.len()),
+            hidden,
+            shared: SharedGathers::new(sharing, &displayed),
+            displayed,
+            params,
+            progress,
+            whole: 0.5 * spacing * spacing,
+            at_once: !lights.emitters().broad().is_empty(),
+        }
+    }
+
+    /// Points inside the elements at which to gather.
+    pub(super) fn samples(&self) -> Vec<FitSample> {
+        let Displayed { mesh, origin, leaves, .. } = &self.displayed;
+        let sharing = self.shared.sharing;
+        (0..mesh.elements.len() as u32)
+            .flat_map(|element| {
+                let area = mesh.area(element);
+                let key = Key::new(self.params.seed, Purpose::ElementPoint, u64::from(element) | SAMPLES);
+                // Refined elements are small because surfaces are near: they get one at least every other time.
+                let refined = self.draft.leaves[leaves[element as usize] as usize].level > 0;
+                let floor = if refined { 0.5 } else { 0.0 };
+                let corners = mesh.elements[element as usize].vertices.map(|v| origin[v as usize]);
+                let covered = corners.iter().all(|&v| self.hidden[v as usize])
+                    || corners.iter().all(|&v| sharing.shares(v));
+                let expected = if covered {
+                    0.0
+                } else {
+                    (self.params.gather_points * (area / self.whole).min(1.0)).max(floor)
+                };
+                let count = (expected + key.uniform(0)).floor() as u32;
+                (0..count).map(move |index| {
+                    let weights = drawn_inside(triangle_point(key.point2(index)));
+                    FitSample { element, weights, area: area / expected.max(count as f32) }
+                })
+            })
+            .collect()
+    }
+
+    /// One gather, by a part of the rays of an entity.
+    fn gather(
+        &self,
+        light: &DiffuseLight,
+        receiver: &Receiver,
+        part: Range<u32>,
+        guide: Option<&Guide>,
+        entity: u64,
+        note: impl FnMut(Vec2, f32),
+    ) -> Gathered {
+        if self.progress.is_cancelled() {
+            return Gathered::default();
+        }
+        let key = Key::new(self.params.seed, Purpose::Hemisphere, entity);
+        let found = gather_part(self.lights, light, receiver, part, guide, key, &self.params.walk, note);
+        self.progress.advance(1);
+        found
+    }
+
+    /// Gathers at points around a draft vertex, together by about so many rays.
+    fn around(&self, light: &DiffuseLight, vertex: u32, rays: u32, bit: u64) -> Gathered {
+        let mut sum = Gathered::default();
+        let key = Key::new(self.params.seed, Purpose::ElementPoint, u64::from(vertex) | bit | AROUND);
+        for index in 0..POINTS_AROUND {
+            let Some((element, weights)) = self.hats.point(&self.displayed, vertex, key, index) else {
+                break;
+            };
+            let receiver =
+                self.draft.receiver_inside(self.lights.tracer(), &self.displayed, element, weights);
+            let entity = u64::from(vertex) | bit | u64::from(index) << 50;
+            let part = 0..rays.div_ceil(POINTS_AROUND);
+            let found = self.gather(light, &receiver, part, None, entity, |_, _| ());
+            sum.add(&found, 1.0 / POINTS_AROUND as f32);
+        }
+        sum
+    }
+
+    /// Of the rays of a vertex, those that it sends before it knows what its neighbours find.
+    fn first_rays(&self, rays: u32) -> u32 {
+        if self.at_once { rays } else { rays.div_ceil(2) }
+    }
+
+    /// Half of the rays of the vertices.
+    pub(super) fn look(&self, light: &DiffuseLight) -> Vertices {
+        let Displayed { mesh, origin, .. } = &self.displayed;
+        let (draft, params, sharing) = (self.draft, self.params, self.shared.sharing);
+        let (mut rays, mut trust) = vertex_budgets(draft, &self.displayed, self.hidden, params, self.whole);
+        for (i, &v) in origin.iter().enumerate().filter(|(_, v)| sharing.shares(**v)) {
+            // What they find is only looked at: those that sample for others gather again later.
+            rays[i] = if sharing.is_asked(v) { params.vertex_rays.div_ceil(3) } else { 0 };
+            trust[i] = SHARED_TRUST;
+        }
+        let (shares, own): (Vec<u32>, Vec<u32>) = (0..origin.len() as u32)
+            .filter(|&i| rays[i as usize] > 0)
+            .partition(|&i| sharing.shares(origin[i as usize]));
+        let mut place = vec![u32::MAX; origin.len()];
+        for (index, &i) in own.iter().enumerate() {
+            place[i as usize] = index as u32;
+        }
+        let mut gathered = vec![Gathered::default(); mesh.vertices.len()];
+        let of_groups: Vec<Gathered> = shares
+            .par_iter()
+            .with_min_len(8)
+            .with_max_len(JOB)
+            .map(|&i| self.around(light, origin[i as usize], rays[i as usize], 0))
+            .collect();
+        let (first, findings): (Vec<Gathered>, Vec<Findings>) = own
+            .par_iter()
+            .with_min_len(8)
+            .with_max_len(JOB)
+            .map(|&i| {
+                let (v, mut findings) = (origin[i as usize], Findings::default());
+                let receiver = draft.receiver(self.lights.tracer(), v);
+                let part = 0..self.first_rays(rays[i as usize]);
+                let note = |point, radiance| findings.add(point, radiance);
+                let found = self.gather(light, &receiver, part, None, u64::from(v), note);
+                (found, findings)
+            })
+            .unzip();
+        for (&i, found) in shares.iter().chain(&own).zip(of_groups.into_iter().chain(first)) {
+            gathered[i as usize] = found;
+        }
+        Vertices { gathered, rays, trust, own, findings, place }
+    }
+
+    /// The guides of the vertices that gather for themselves, by what their neighbours found. A vertex's own rays have no say in
+    /// it, or those that missed what is bright would be content.
+    pub(super) fn guides(&self, vertices: &Vertices) -> Vec<Guide> {
+        let Displayed { mesh, origin, .. } = &self.displayed;
+        let beside = |&i: &u32| {
+            let around = self.hats.around(origin[i as usize]).iter();
+            let others = around.flat_map(|&e| mesh.elements[e as usize].vertices).filter(|&other| other != i);
+            vertices.guide(others)
+        };
+        vertices.own.par_iter().with_max_len(JOB).map(beside).collect()
+    }
+
+    /// How many rays go where, by what the vertices found. `sources`: light of the sources per draft vertex; `mean`: of all light.
+    pub(super) fn budget(&self, vertices: &Vertices, guides: &[Guide], sources: &[Rgb], mean: f32) -> Budget {
+        let Displayed { mesh, origin, .. } = &self.displayed;
+        let floor = FLOOR * mean;
+        let least = least_beside(mesh, |v| sources[origin[v as usize] as usize].element_sum());
+        let area = areas_around(mesh);
+        let deviations = vertices
+            .own
+            .iter()
+            .map(|&i| i as usize)
+            .zip(guides)
+            .filter(|(i, _)| !self.hidden[origin[*i] as usize])
+            .map(|(i, guide)| (relative_deviation(guide, least[i] + floor), area[i]));
+        Budget { allocation: Allocation::new(deviations), least, floor }
+    }
+
+    /// The other half of the rays of the vertices, or as many as the neighbours' halves call for, where they point to. Shared
+    /// vertices get what is known around them.
+    pub(super) fn look_again(
+        &self,
+        light: &DiffuseLight,
+        vertices: &mut Vertices,
+        guides: &[Guide],
+        budget: &Budget,
+    ) {
+        if !self.at_once {
+            let Vertices { gathered, rays, own, findings, .. } = vertices;
+            let more: Vec<(Gathered, u32)> = own
+                .par_iter()
+                .zip(guides)
+                .zip(findings)
+                .with_min_len(8)
+                .with_max_len(JOB)
+                .map(|((&i, guide), findings)| {
+                    let (v, first, rays) =
+                        (self.displayed.origin[i as usize], gathered[i as usize], rays[i as usize]);
+                    let known = self.first_rays(rays);
+                    let deviation = budget.deviation(guide, budget.least[i as usize]);
+                    let all = budget.allocation.rays(rays, deviation);
+                    if all <= known {
+                        return (first, known);
+                    }
+                    let receiver = self.draft.receiver(self.lights.tracer(), v);
+                    let note = |point, radiance| findings.add(point, radiance);
+                    let more = self.gather(light, &receiver, known..all, Some(guide), u64::from(v), note);
+                    // Each counts by the inverse of its variance.
+                    let [even, guided] = [guide.even_deviation(), guide.deviation()].map(|d| d * d);
+                    let (one, other) = (known as f32 * guided, (all - known) as f32 * even);
+                    (first.mixed(&more, one / (one + other).max(f32::MIN_POSITIVE)), all)
+                })
+                .collect();
+            for (&i, (found, sent)) in own.iter().zip(more) {
+                gathered[i as usize] = found;
+                rays[i as usize] = sent;
+            }
+        }
+        self.shared.fill(&self.displayed, &mut vertices.gathered);
+    }
+
+    /// Gathers at points inside the elements.
+    pub(super) fn inside(
+        &self,
+        light: &DiffuseLight,
+        samples: &[FitSample],
+        vertices: &Vertices,
+        budget: &Budget,
+    ) -> Inside {
+        let (gathered, rays) = samples
+            .par_iter()
+            .enumerate()
+            .with_min_len(4)
+            .with_max_len(JOB)
+            .map(|(index, s)| {
+                let receiver =
+                    self.draft.receiver_inside(self.lights.tracer(), &self.displayed, s.element, s.weights);
+                let corners = self.displayed.mesh.elements[s.element as usize].vertices;
+                let guide = vertices.guide(corners.into_iter());
+                let least = corners.iter().map(|&v| budget.least[v as usize]).fold(f32::INFINITY, f32::min);
+                let rays = budget.allocation.rays(self.params.gather_rays, budget.deviation(&guide, least));
+                let rays = if self.at_once { rays.max(CONTROLLED_RAYS) } else { rays };
+                let entity = index as u64 | AT_SAMPLE;
+                (self.gather(light, &receiver, 0..rays, Some(&guide), entity, |_, _| ()), rays)
+            })
+            .unzip();
+        Inside { gathered, rays }
+    }
+
+    /// Shared vertices have no points inside: those that sample for the others gather once more.
+    pub(super) fn lead(&self, light: &DiffuseLight, vertices: &mut Vertices) {
+        let leads = self.shared.sharing.leads();
+        let again: Vec<Gathered> = leads
+            .par_iter()
+            .with_min_len(4)
+            .with_max_len(JOB)
+            .map(|&v| self.around(light, v, self.params.gather_rays, AROUND_LEAD))
+            .collect();
+        for (&lead, found) in leads.iter().zip(again) {
+            vertices.gathered[self.shared.shown[lead as usize] as usize] = found;
+        }
+        self.shared.fill(&self.displayed, &mut vertices.gathered);
+    }
+}
+
+impl Vertices {
+    /// The guide by what some display vertices found.
+    fn guide(&self, vertices: impl Iterator<Item = u32>) -> Guide {
+        let (mut all, mut sum, mut count) = (Findings::default(), Gathered::default(), 0.0_f32);
+        for v in vertices {
+            if let Some(own) = self.findings.get(self.place[v as usize] as usize) {
+                all.merge(own);
+                sum.add(&self.gathered[v as usize], 1.0);
+                count += 1.0;
+            }
+        }
+        let mut expected = Gathered::default();
+        expected.add(&sum, 1.0 / count.max(1.0));
+        Guide::new(&all, expected)
+    }
+}
+
+/// The least value at each vertex and its neighbours.
+fn least_beside(mesh: &DisplayMesh, value: impl Fn(u32) -> f32) -> Vec<f32> {
+    let mut least = vec![f32::INFINITY; mesh.vertices.len()];
+    for element in &mesh.elements {
+        let own = element.vertices.iter().map(|&v| value(v)).fold(f32::INFINITY, f32::min);
+        for &v in &element.vertices {
+            least[v as usize] = least[v as usize].min(own);
+        }
+    }
+    least
+}
+
+/// Gathers at the vertices of a display mesh, some of which are shared.
+struct SharedGathers<'a> {
+    sharing: &'a Sharing,
+    /// Display vertex of each draft vertex.
+    shown: Vec<u32>,
+}
+
+impl<'a> SharedGathers<'a> {
+    fn new(sharing: &'a Sharing, displayed: &Displayed) -> Self {
+        let count = displayed.origin.iter().max().map_or(0, |v| *v as usize + 1);
+        let mut shown = vec![u32::MAX; count];
+        for (index, &v) in displayed.origin.iter().enumerate() {
+            shown[v as usize] = index as u32;
+        }
+        Self { sharing, shown }
+    }
+
+    fn fill(&self, displayed: &Displayed, gathered: &mut [Gathered]) {
+        for (index, &v) in displayed.origin.iter().enumerate().filter(|(_, v)| !self.sharing.is_asked(**v)) {
+            let mut sum = Gathered::default();
+            for &(lead, weight) in self.sharing.parts(v) {
+                sum.add(&gathered[self.shown[lead as usize] as usize], weight);
+            }
+            gathered[index] = sum;
+        }
+    }
+}

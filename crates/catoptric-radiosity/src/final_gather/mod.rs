@@ -1,0 +1,247 @@
+//! The final gather: light that other diffuse surfaces send, at the vertices and inside the elements of a mesh, fitted, and
+//! corrected by what it found beyond what it saw.
+//!
+//! The file `gathers` sends the rays.
+
+mod gathers;
+
+use catoptric_light::Lights;
+use catoptric_scene::{Cancelled, Progress, Rgb};
+
+use crate::draft::{Displayed, Draft};
+use crate::fit::{FitParams, FitSample, fit};
+use crate::gather::{DiffuseLight, Gathered};
+use crate::patch::PatchMesh;
+use crate::rows::Row;
+use crate::sharing::Sharing;
+use crate::solve::SolveParams;
+use crate::solver::{SolverParams, reflect_error, spread_error};
+
+use gathers::{Gathers, Vertices};
+
+/// Patch values at the vertices of the draft: means over the base triangles around, then along the hierarchy.
+pub(crate) fn spread(draft: &Draft, patches: &PatchMesh, values: &[Rgb]) -> Vec<Rgb> {
+    let mut sums = vec![(Rgb::ZERO, 0.0_f32); draft.vertices.len()];
+    for (root, corners) in draft.base.iter().enumerate() {
+        let patch = patches.of_root[root].0 as usize;
+        for &v in corners {
+            sums[v as usize].0 += values[patch];
+            sums[v as usize].1 += 1.0;
+        }
+    }
+    let mut result: Vec<Rgb> = Vec::with_capacity(sums.len());
+    for (index, (sum, count)) in sums.iter().enumerate() {
+        let value = if *count > 0.0 {
+            *sum / *count
+        } else {
+            draft.vertices[index]
+                .parents
+                .map_or(Rgb::ZERO, |[a, b]| (result[a as usize] + result[b as usize]) * 0.5)
+        };
+        result.push(value);
+    }
+    result
+}
+
+/// Gathered light at the vertices of the mesh of the gathers.
+pub(crate) struct GatheredLight {
+    /// Direct, mirrored, caustic and indirect per draft vertex; `None` where no element touches it.
+    pub(crate) terms: Vec<Option<[Rgb; 4]>>,
+    /// Hemisphere rays sent.
+    pub(crate) rays: u64,
+}
+
+/// What gathers look at: the refined mesh with the light of sources on it.
+pub(crate) struct Sight<'a> {
+    pub(crate) displayed: &'a Displayed,
+    pub(crate) draft: &'a Draft,
+    pub(crate) sources: &'a [Rgb],
+}
+
+impl Sight<'_> {
+    /// Irradiance per vertex of the display mesh when `more` (per draft vertex) comes to what sources send.
+    fn with(&self, more: &[Rgb]) -> Vec<Rgb> {
+        self.displayed.origin.iter().map(|&v| self.sources[v as usize] + more[v as usize]).collect()
+    }
+
+    /// Area-weighted mean of the sum of channels of irradiance per vertex of the display mesh.
+    fn mean(&self, irradiance: &[Rgb]) -> f32 {
+        let mesh = &self.displayed.mesh;
+        let (mut sum, mut area) = (0.0_f64, 0.0_f64);
+        for (index, element) in mesh.elements.iter().enumerate() {
+            let own = f64::from(mesh.area(index as u32));
+            let mean =
+                element.vertices.iter().map(|&v| irradiance[v as usize].element_sum()).sum::<f32>() / 3.0;
+            sum += own * f64::from(mean);
+            area += own;
+        }
+        if area > 0.0 { (sum / area) as f32 } else { 0.0 }
+    }
+
+    /// Values known at some vertices, at all: children are the mean of their parents.
+    fn spread(&self, known: &[Option<Rgb>]) -> Vec<Rgb> {
+        let mut all: Vec<Rgb> = Vec::with_capacity(self.draft.vertices.len());
+        for (index, vertex) in self.draft.vertices.iter().enumerate() {
+            let own = known.get(index).copied().flatten();
+            all.push(own.unwrap_or_else(|| {
+                vertex.parents.map_or(Rgb::ZERO, |[a, b]| (all[a as usize] + all[b as usize]) * 0.5)
+            }));
+        }
+        all
+    }
+}
+
+/// The coarse solution and what it takes to correct it.
+pub(crate) struct Coarse<'a> {
+    pub(crate) patches: &'a PatchMesh,
+    pub(crate) rows: &'a [Row],
+    pub(crate) indirect: &'a [Rgb],
+}
+
+impl Coarse<'_> {
+    /// What becomes, per patch, of light of which the vertices of `draft` hold too little.
+    fn onward(&self, draft: &Draft, lack: &[Rgb], solver: &SolverParams) -> Vec<Rgb> {
+        spread_error(self.patches, self.rows, &self.means(draft, lack), solver).indirect
+    }
+
+    /// The same after one reflection.
+    fn reflected(&self, draft: &Draft, lack: &[Rgb]) -> Vec<Rgb> {
+        reflect_error(self.patches, self.rows, &self.means(draft, lack))
+    }
+
+    /// Means per patch of values at the vertices of `draft`.
+    fn means(&self, draft: &Draft, values: &[Rgb]) -> Vec<Rgb> {
+        let mut mean = vec![Rgb::ZERO; self.patches.len()];
+        for leaf in &draft.leaves {
+            let patch = self.patches.of_root[leaf.root as usize].0 as usize;
+            let share = draft.area(leaf) / self.patches.areas[patch].max(f32::MIN_POSITIVE);
+            mean[patch] += leaf.vertices.iter().map(|&v| values[v as usize]).sum::<Rgb>() * (share / 3.0);
+        }
+        mean
+    }
+}
+
+/// Hidden corners of elements that can be seen in part show what their neighbours found: nobody sees the dark behind them.
+fn beside_hidden(draft: &Draft, known: &mut [Option<Rgb>]) {
+    let mut sums = vec![(Rgb::ZERO, 0.0_f32); known.len()];
+    for leaf in &draft.leaves {
+        for &v in &leaf.vertices {
+            for value in leaf.vertices.iter().filter_map(|&corner| known[corner as usize]) {
+                sums[v as usize].0 += value;
+                sums[v as usize].1 += 1.0;
+            }
+        }
+    }
+    for (known, (sum, count)) in known.iter_mut().zip(sums) {
+        if known.is_none() && count > 0.0 {
+            *known = Some(sum / count);
+        }
+    }
+}
+
+/// Gathers at the vertices and inside the elements of `draft`, and fits.
+///
+/// Three bounces of refinement for one: the vertices, with few rays, see the coarse solution; the points inside, with many,
+/// see what the vertices found; and what they found beyond what they saw is reflected on over the coarse patches
+/// (Lischinski, Tampieri & Greenberg 1993 gather once, from the coarse solution).
+pub(crate) fn final_gather(
+    lights: &Lights,
+    sight: &Sight,
+    coarse: &Coarse,
+    draft: &Draft,
+    hidden: &[bool],
+    sharing: &Sharing,
+    params: &SolveParams,
+    spacing: f32,
+    progress: &dyn Progress,
+) -> Result<GatheredLight, Cancelled> {
+    let gathers = Gathers::new(lights, draft, hidden, sharing, params, spacing, progress);
+    let origin = &gathers.displayed.origin;
+    let samples = gathers.samples();
+    progress.begin("gather", (samples.len() + origin.len()) as u64);
+    let mesh = &sight.displayed.mesh;
+    let coarse_seen = spread(sight.draft, coarse.patches, coarse.indirect);
+    let irradiance = sight.with(&coarse_seen);
+    let light = DiffuseLight { mesh, irradiance: &irradiance };
+    let mut vertices = gathers.look(&light);
+    // All guides stand before the first vertex finds more.
+    let guides = gathers.guides(&vertices);
+    let budget = gathers.budget(&vertices, &guides, sight.sources, sight.mean(&irradiance));
+    gathers.look_again(&light, &mut vertices, &guides, &budget);
+    // Kilobytes each.
+    drop(guides);
+
+    let mut known: Vec<Option<Rgb>> = vec![None; draft.vertices.len()];
+    for (&v, g) in origin.iter().zip(&vertices.gathered).filter(|(v, _)| !hidden[**v as usize]) {
+        known[v as usize] = Some(g.direct + g.mirrored + g.caustic + g.indirect);
+    }
+    beside_hidden(draft, &mut known);
+    let looked_at = sight.spread(&known);
+    let irradiance = sight.with(&looked_at);
+    let light = DiffuseLight { mesh, irradiance: &irradiance };
+    let inside = gathers.inside(&light, &samples, &vertices, &budget);
+    gathers.lead(&light, &mut vertices);
+    if progress.is_cancelled() {
+        return Err(Cancelled);
+    }
+
+    // The vertices saw the coarse solution, the points inside what the vertices found. What these found beyond what they
+    // saw, reflected once, brings them to where the points are, so that they hold the fit where it belongs.
+    let difference = |found: &[Rgb], seen: &[Rgb]| -> Vec<Rgb> {
+        found.iter().zip(seen).map(|(found, seen)| *found - *seen).collect()
+    };
+    let once = spread(draft, coarse.patches, &coarse.reflected(draft, &difference(&looked_at, &coarse_seen)));
+    for (&v, gathered) in origin.iter().zip(&mut vertices.gathered).filter(|(v, _)| !sharing.shares(**v)) {
+        gathered.indirect = (gathered.indirect + once[v as usize]).max(Rgb::ZERO);
+    }
+    let FitParams { smoothing, balance, .. } = params.gather_fit;
+    let fit_params =
+        FitParams { smoothing: smoothing * spacing, balance: balance * spacing, ..params.gather_fit };
+    let mut terms = fit_terms(&gathers, &samples, &inside.gathered, &vertices, &fit_params);
+
+    // What was found beyond what was seen is missing from all further reflections.
+    let found: Vec<Rgb> = terms
+        .iter()
+        .zip(&looked_at)
+        .map(|(terms, seen)| terms.map_or(*seen, |t| t.iter().copied().sum::<Rgb>()))
+        .collect();
+    let lack = difference(&found, &looked_at);
+    let more = spread(draft, coarse.patches, &coarse.onward(draft, &lack, &params.solver));
+    for (terms, more) in terms.iter_mut().zip(&more) {
+        if let Some([.., indirect]) = terms {
+            *indirect = (*indirect + *more).max(Rgb::ZERO);
+        }
+    }
+    let rays = vertices.rays.iter().chain(&inside.rays).map(|&r| u64::from(r)).sum::<u64>()
+        + sharing.leads().len() as u64 * u64::from(params.gather_rays);
+    Ok(GatheredLight { terms, rays })
+}
+
+/// Fits each term: direct, mirrored, caustic and indirect per draft vertex.
+fn fit_terms(
+    gathers: &Gathers,
+    samples: &[FitSample],
+    inside: &[Gathered],
+    vertices: &Vertices,
+    params: &FitParams,
+) -> Vec<Option<[Rgb; 4]>> {
+    let Displayed { mesh, origin, .. } = &gathers.displayed;
+    let mut terms: Vec<Option<[Rgb; 4]>> = vec![None; gathers.draft.vertices.len()];
+    for &v in origin {
+        terms[v as usize] = Some([Rgb::ZERO; 4]);
+    }
+    for term in 0..4 {
+        let value = |g: &Gathered| [g.direct, g.mirrored, g.caustic, g.indirect][term];
+        let prior: Vec<Rgb> = vertices.gathered.iter().map(value).collect();
+        let values: Vec<Rgb> = inside.iter().map(value).collect();
+        if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
+            continue;
+        }
+        for (&v, fitted) in origin.iter().zip(fit(mesh, samples, &values, &prior, &vertices.trust, params)) {
+            if let Some(terms) = &mut terms[v as usize] {
+                terms[term] = fitted;
+            }
+        }
+    }
+    terms
+}
