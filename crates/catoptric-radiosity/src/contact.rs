@@ -10,7 +10,7 @@ use catoptric_scene::{Scene, TriangleId};
 use catoptric_trace::BoxTree;
 
 use crate::face::FaceDraft;
-use crate::triangulate::Points;
+use crate::triangulate::{Points, outline};
 
 /// A segment in the plane coordinates of a face.
 pub type Segment = [DVec2; 2];
@@ -98,7 +98,8 @@ impl Obstacles {
         }
         let near = self.tree.overlapping_at_most(min - tolerance, max + tolerance, NEAR * limit)?;
         let mut segments = Distinct::new(tolerance);
-        let mut hanging: Vec<[DVec2; 3]> = Vec::new();
+        // The two sides of a plate have one outline: apart, or each edge of it would lie between two triangles.
+        let mut hanging: [Vec<[DVec2; 3]>; 2] = [Vec::new(), Vec::new()];
         for id in near.into_iter().map(TriangleId) {
             if face.triangles.binary_search(&id).is_ok() {
                 continue;
@@ -111,13 +112,14 @@ impl Obstacles {
                 for k in 0..3 {
                     segments.push([frame.flat(corners[k]), frame.flat(corners[(k + 1) % 3])]);
                 }
-            } else if rises && is_parallel(&heights, gap, tolerance, side) {
-                hanging.push(corners.map(|c| frame.flat(c)));
+            } else if rises && is_parallel(&corners, &heights, gap, tolerance, side) {
+                let [a, b, c] = corners.map(|c| frame.flat(c));
+                hanging[usize::from((b - a).perp_dot(c - a) < 0.0)].push([a, b, c]);
             } else if rises && let Some(segment) = crossing(&corners, &heights, tolerance) {
                 segments.push(segment.map(|p| frame.flat(p)));
             }
         }
-        for segment in crate::triangulate::outline(&hanging, tolerance) {
+        for segment in hanging.iter().flat_map(|side| outline(side, tolerance)) {
             segments.push(segment);
         }
         // What lies on the face, piece by piece.
@@ -195,11 +197,18 @@ impl Distinct {
     }
 }
 
+/// Heights of the corners of what hangs parallel differ by less than this share of its longest edge: the facets of a ball on a
+/// table do not hang, and what is below them is seen.
+const SLANT: f64 = 0.05;
+/// … and by less than this share of the gap.
+const LEVEL: f64 = 0.1;
+
 /// Whether a triangle hangs nearly parallel before the face, nearer than `gap`.
-fn is_parallel(heights: &[f64; 3], gap: f64, tolerance: f64, side: f64) -> bool {
+fn is_parallel(corners: &[DVec3; 3], heights: &[f64; 3], gap: f64, tolerance: f64, side: f64) -> bool {
     let above = heights.map(|h| h * side);
     let (low, high) = (above[0].min(above[1]).min(above[2]), above[0].max(above[1]).max(above[2]));
-    low > tolerance && high < gap && high - low < 0.1 * gap
+    let longest = (0..3).map(|k| (corners[(k + 1) % 3] - corners[k]).length()).fold(0.0, f64::max);
+    low > tolerance && high < gap && high - low < (LEVEL * gap).min(SLANT * longest)
 }
 
 /// Where a triangle meets the plane of height zero.
@@ -247,4 +256,54 @@ fn clip(segment: &Segment, triangle: &[DVec2; 3], tolerance: f64) -> Option<Segm
         }
     }
     ((b - a).length() > 4.0 * tolerance).then_some([a, b])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catoptric_scene::{Material, Rgb, SceneParts, Side};
+    use catoptric_trace::Tracer;
+    use catoptric_trace::plane::bounds_of;
+    use glam::Vec3;
+
+    use crate::face::faces;
+
+    /// Contact lines on the floor below what `build` puts before it.
+    fn on_floor(build: impl Fn(&mut SceneParts, catoptric_scene::MaterialId)) -> usize {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        parts.add_quad("floor", white, Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
+        build(&mut parts, white);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let drafts = faces(&tracer);
+        let flats: Vec<Vec<[DVec2; 3]>> = drafts
+            .iter()
+            .map(|face| {
+                let own: &[TriangleId] = if face.curved { &[] } else { &face.triangles };
+                let flat = |t: &TriangleId| scene.corners(*t).map(|c| face.frame.flat(c.as_dvec3()));
+                own.iter().map(flat).collect()
+            })
+            .collect();
+        let (center, diagonal) = bounds_of(&scene);
+        let lines = Obstacles::new(&scene, center, diagonal).contact_lines(&scene, &drafts, &flats, 1.0);
+        let floor = drafts
+            .iter()
+            .position(|f| f.side == Side::Front && f.triangles.contains(&TriangleId(0)))
+            .expect("the floor has a front");
+        lines[floor].len()
+    }
+
+    /// Behind a plate just before a wall nobody looks; below a ball, of which each facet is nearly level beside the gap, one
+    /// does.
+    #[test]
+    fn plates_hang_and_balls_do_not() {
+        let plate = |p: &mut SceneParts, m| {
+            p.add_box("plate", m, Vec3::new(1.0, 0.01, 1.0), Vec3::new(2.0, 0.05, 2.0), false);
+        };
+        // Each side lies on two triangles of the floor at most.
+        assert!((4..=8).contains(&on_floor(plate)), "{}", on_floor(plate));
+        let ball = |p: &mut SceneParts, m| p.add_sphere("ball", m, Vec3::new(2.0, 0.301, 2.0), 0.3, 24);
+        assert_eq!(on_floor(ball), 0);
+    }
 }
