@@ -125,12 +125,12 @@ impl Draft {
             })
             .collect();
         let spacing_in_f64 = f64::from(spacing);
-        let lines = obstacles.contact_lines(scene, &drafts, &flats, spacing_in_f64);
+        let contacts = obstacles.contact_lines(scene, &drafts, &flats, spacing_in_f64);
         let flat_meshes: Vec<Option<FlatMesh>> = drafts
             .par_iter()
-            .zip(flats.par_iter().zip(&lines))
-            .map(|(face, (flat, lines))| {
-                (!face.curved).then(|| triangulate(flat, lines, spacing_in_f64, tolerance))
+            .zip(flats.par_iter().zip(&contacts))
+            .map(|(face, (flat, contacts))| {
+                (!face.curved).then(|| triangulate(flat, contacts, spacing_in_f64, tolerance))
             })
             .collect();
         draft.faces = drafts;

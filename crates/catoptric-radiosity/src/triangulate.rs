@@ -7,7 +7,7 @@ use spade::{
     AngleLimit, ConstrainedDelaunayTriangulation, HasPosition, Point2, RefinementParameters, Triangulation,
 };
 
-use crate::contact::{Lines, Segment};
+use crate::contact::Segment;
 
 /// A flat triangle mesh whose corners know on which side of a contact line they are.
 #[derive(Clone, Debug, Default)]
@@ -38,7 +38,7 @@ impl HasPosition for Site {
 }
 
 /// Segments of outline and contact lines above which the arrangement, which looks at each pair, would cost more than the
-/// picture gains: the lines on the face are left out.
+/// picture gains: contact lines are left out.
 const MAX_SEGMENTS: usize = 3000;
 /// … and points where they meet, for each of them: finer than any mesh shows.
 const MEETINGS_PER_SEGMENT: usize = 30;
@@ -50,14 +50,14 @@ const LEAST_ANGLE: f64 = 20.0;
 /// relMSE_nc in 1.6 times the seconds).
 const LEAST_AREA: f64 = 0.001;
 
-/// Triangulates the union of `triangles` with the lines on it, edges about `spacing` long (metres). Points closer than
-/// `tolerance` are one.
-pub fn triangulate(triangles: &[[DVec2; 3]], lines: &Lines, spacing: f64, tolerance: f64) -> FlatMesh {
+/// Triangulates the union of `triangles` with the contact lines `contacts`, edges about `spacing` long (metres).
+/// Points closer than `tolerance` are one.
+pub fn triangulate(triangles: &[[DVec2; 3]], contacts: &[Segment], spacing: f64, tolerance: f64) -> FlatMesh {
     let outline = outline(triangles, tolerance);
-    let crowded = lines.contacts.len() + lines.creases.len() + outline.len() > MAX_SEGMENTS;
-    let arranged = |lines: &Lines| Arrangement::new(&outline, lines, spacing, tolerance);
-    let with_lines = if crowded { None } else { arranged(lines) };
-    let Some(arrangement) = with_lines.or_else(|| arranged(&Lines::default())) else {
+    let contacts = if contacts.len() + outline.len() > MAX_SEGMENTS { &[] } else { contacts };
+    let Some(arrangement) = Arrangement::new(&outline, contacts, spacing, tolerance)
+        .or_else(|| Arrangement::new(&outline, &[], spacing, tolerance))
+    else {
         return plain(triangles);
     };
     let mut sites: Vec<DVec2> = arrangement.points.clone();
@@ -256,7 +256,7 @@ struct ArrangedEdge {
     contact: bool,
 }
 
-/// Outline, contact lines and creases, split wherever they meet or touch, and cut to length.
+/// Outline and contact lines, split wherever they meet or touch, and cut to length.
 struct Arrangement {
     points: Vec<DVec2>,
     edges: Vec<ArrangedEdge>,
@@ -264,11 +264,10 @@ struct Arrangement {
 
 impl Arrangement {
     /// Nothing where they meet too often.
-    fn new(outline: &[Segment], lines: &Lines, spacing: f64, tolerance: f64) -> Option<Self> {
+    fn new(outline: &[Segment], contacts: &[Segment], spacing: f64, tolerance: f64) -> Option<Self> {
         let mut points = Points::new(tolerance);
-        let shared = outline.iter().chain(&lines.creases).map(|s| (*s, false));
         let segments: Vec<(Segment, bool)> =
-            shared.chain(lines.contacts.iter().map(|s| (*s, true))).collect();
+            outline.iter().map(|s| (*s, false)).chain(contacts.iter().map(|s| (*s, true))).collect();
         // Parameters at which each segment is split.
         let mut splits: Vec<Vec<f64>> = segments.iter().map(|_| vec![0.0, 1.0]).collect();
         let mut meetings = 0;
@@ -436,10 +435,6 @@ mod tests {
         vec![[a, b, c], [a, c, d]]
     }
 
-    fn cut(contacts: &[Segment]) -> Lines {
-        Lines { contacts: contacts.to_vec(), ..Lines::default() }
-    }
-
     fn area(mesh: &FlatMesh) -> f64 {
         mesh.triangles
             .iter()
@@ -458,7 +453,7 @@ mod tests {
             [DVec2::new(0.3, 0.2), DVec2::new(0.8, 0.2)],
         ];
         for count in 0..=contacts.len() {
-            let mesh = triangulate(&square(1.0), &cut(&contacts[..count]), 0.11, 1e-7);
+            let mesh = triangulate(&square(1.0), &contacts[..count], 0.11, 1e-7);
             assert!((area(&mesh) - 1.0).abs() < 1e-9, "{count} contacts: {}", area(&mesh));
         }
     }
@@ -467,7 +462,7 @@ mod tests {
     #[test]
     fn a_contact_line_across_the_face_gives_each_side_its_own_vertices() {
         let line = [DVec2::new(0.4, 0.0), DVec2::new(0.4, 1.0)];
-        let mesh = triangulate(&square(1.0), &cut(&[line]), 0.2, 1e-7);
+        let mesh = triangulate(&square(1.0), &[line], 0.2, 1e-7);
         let mut sides = vec![[false; 2]; mesh.points.len()];
         for t in &mesh.triangles {
             let center = t.iter().map(|&v| mesh.points[v as usize].x).sum::<f64>() / 3.0;
@@ -478,24 +473,11 @@ mod tests {
         assert!(sides.iter().all(|s| s[0] != s[1]));
     }
 
-    /// The mesh follows a crease, too, but each point of it is one vertex.
-    #[test]
-    fn a_crease_is_followed_and_not_cut() {
-        let crease = [DVec2::new(0.4, 0.0), DVec2::new(0.4, 1.0)];
-        let mesh = triangulate(&square(1.0), &Lines { creases: vec![crease], ..Lines::default() }, 0.2, 1e-7);
-        let on: Vec<DVec2> = mesh.points.iter().copied().filter(|p| (p.x - 0.4).abs() < 1e-9).collect();
-        assert_eq!(on.len(), 6, "{on:?}");
-        for t in &mesh.triangles {
-            let x = t.map(|v| mesh.points[v as usize].x - 0.4);
-            assert!(x.iter().all(|x| *x < 1e-9) || x.iter().all(|x| *x > -1e-9), "crosses: {x:?}");
-        }
-    }
-
     /// Around the end of a line that stops inside, the sides hang together.
     #[test]
     fn a_contact_line_that_ends_inside_shares_its_end() {
         let line = [DVec2::new(0.5, 0.0), DVec2::new(0.5, 0.5)];
-        let mesh = triangulate(&square(1.0), &cut(&[line]), 0.25, 1e-7);
+        let mesh = triangulate(&square(1.0), &[line], 0.25, 1e-7);
         let at = |p: DVec2| mesh.points.iter().filter(|q| (**q - p).length() < 1e-9).count();
         assert_eq!(at(DVec2::new(0.5, 0.5)), 1);
         assert_eq!(at(DVec2::new(0.5, 0.25)), 2);
@@ -512,7 +494,7 @@ mod tests {
             DVec2::new(0.45, 0.52) + 0.13 * DVec2::new(libm::cos(turn), libm::sin(turn))
         };
         let contacts: Vec<Segment> = (0..48).map(|k| [corner(k), corner(k + 1)]).collect();
-        let mesh = triangulate(&square(1.0), &cut(&contacts), spacing, 1e-7);
+        let mesh = triangulate(&square(1.0), &contacts, spacing, 1e-7);
         assert!((area(&mesh) - 1.0).abs() < 1e-9);
         let mut counted = 0;
         for t in &mesh.triangles {
@@ -541,7 +523,7 @@ mod tests {
             [p(1.0, 0.0), p(0.5, 0.5 + 1e-9), p(1.0, 1.0)],
             [p(0.5, 0.5 + 1e-9), p(0.0, 1.0), p(1.0, 1.0)],
         ];
-        let mesh = triangulate(&triangles, &Lines::default(), 0.2, 1e-6);
+        let mesh = triangulate(&triangles, &[], 0.2, 1e-6);
         assert!((area(&mesh) - 1.0).abs() < 1e-6);
         for t in &mesh.triangles {
             let q = t.map(|v| mesh.points[v as usize]);
