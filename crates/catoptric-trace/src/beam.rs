@@ -1,4 +1,5 @@
-//! Whether a pyramid is empty: from a point to a polygon, such as all shadow rays from a receiver to a lamp at once.
+//! What may lie in a pyramid: from a point to a polygon, such as all shadow rays from a receiver to a lamp at once. Nothing, or a few
+//! triangles, which the rays then ask instead of the tree.
 //!
 //! Source: shaft culling (Haines & Wallace 1994), with a point for one of the two ends. The answer is on the safe side:
 //! "empty" is certain, and what only comes near counts as in the way. Keys in docs/references.md: HainesWallace1994.

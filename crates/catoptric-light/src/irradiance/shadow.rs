@@ -1,5 +1,5 @@
 //! How much of the sources' light arrives: shadow rays, stratified over each large part and shared among the small ones,
-//! and none where the pyramid before a part is empty.
+//! and none where the pyramid before a part is empty. Where it holds few triangles, the rays ask these.
 
 use glam::DVec3;
 
