@@ -261,7 +261,7 @@ impl<'a> Lights<'a> {
                     leftover += piece.weight;
                     continue;
                 }
-                let count = (expected.round() as u32).clamp(4, samples.max(4)).next_power_of_two();
+                let count = (expected.round() as u32).clamp(LOOK, samples.max(LOOK)).next_power_of_two();
                 let target = Target::piece(piece, &self.emitters);
                 let key = key.child(index as u32);
                 result.irradiance +=
@@ -273,7 +273,7 @@ impl<'a> Lights<'a> {
                 let expected = (part.weight * share).ceil() as u32;
                 let count = match expected {
                     ..2 if !found.is_few() => 1,
-                    _ => expected.clamp(4, samples.max(4)).next_power_of_two(),
+                    _ => expected.clamp(LOOK, samples.max(LOOK)).next_power_of_two(),
                 };
                 let target = Target::lamp(part, &found.corners, &self.emitters);
                 let key = key.child(LAMPS + index as u32);

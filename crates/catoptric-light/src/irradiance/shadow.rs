@@ -127,11 +127,11 @@ impl Lights<'_> {
             (None, Goal::Lamp(lamp)) => {
                 let direction = light.as_vec3() - position;
                 let meets = |s, limit| self.tracer.meets(s, position, plane, direction, limit);
-                let before = lamp.distance(position.as_dvec3()) as f32 / direction.length();
+                let before = || lamp.distance(position.as_dvec3()) as f32 / direction.length();
                 match suspects {
                     // Where it meets nothing else, it meets the lamp.
                     Some(s) if meets(s, f32::INFINITY) == Occlusion::Free => Rgb::ONE,
-                    Some(s) if meets(s, before) == Occlusion::Blocked => Rgb::ZERO,
+                    Some(s) if meets(s, before()) == Occlusion::Blocked => Rgb::ZERO,
                     _ => self.tracer.reaches(position, plane, direction, &lamp.triangles),
                 }
             }
