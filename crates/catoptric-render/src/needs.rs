@@ -14,13 +14,19 @@ pub(crate) enum Need {
     Nothing,
     /// A penumbra calls for more shadow rays.
     Shadows,
-    /// An edge calls for more samples.
+    /// An edge of little contrast calls for a few samples.
+    FewSamples,
+    /// An edge calls for samples.
     Samples,
 }
 
 /// Times the contrast by which penumbrae differ from pixel to pixel where they are as sharp as an edge; less may be the
 /// noise of few shadow rays.
 const SHARP: f32 = 5.0;
+
+/// Times the contrast from which a few samples are too few to begin with: most pixels beside a bright edge would miss what
+/// is bright.
+const STRONG: f32 = 4.0;
 
 /// What is compared with neighbours.
 #[derive(Clone, Copy)]
@@ -32,11 +38,20 @@ struct Look {
     penumbra: bool,
 }
 
-/// The need of every pixel; `contrast` is the difference of displayed luminance that calls for samples.
-pub(crate) fn needs(pixels: &[Sample], width: usize, height: usize, contrast: f32) -> Vec<Need> {
-    let exposure = mean_luminance(pixels).max(1e-30);
-    // Differences count as they are seen: relative in the light, absolute in the dark.
-    let shown = |light: Rgb| (light / exposure + Rgb::splat(0.1)).map(libm::logf);
+/// Share of the mean luminance of a picture that is added to luminances where they are compared: differences count as they
+/// are seen, relative in the light, absolute in the dark.
+pub(crate) const DARK: f32 = 0.1;
+
+/// The need of every pixel; `contrast` is the difference of displayed luminance that calls for samples, `exposure` the mean
+/// luminance.
+pub(crate) fn needs(
+    pixels: &[Sample],
+    width: usize,
+    height: usize,
+    contrast: f32,
+    exposure: f32,
+) -> Vec<Need> {
+    let shown = |light: Rgb| (light / exposure + Rgb::splat(DARK)).map(libm::logf);
     let looks: Vec<Look> = pixels
         .par_iter()
         .with_min_len(1024)
@@ -54,9 +69,10 @@ pub(crate) fn needs(pixels: &[Sample], width: usize, height: usize, contrast: f3
         .collect()
 }
 
-fn mean_luminance(pixels: &[Sample]) -> f32 {
+/// Mean luminance of a picture, more than zero.
+pub(crate) fn mean_luminance(pixels: &[Sample]) -> f32 {
     let sum: f64 = pixels.iter().map(|p| f64::from(p.light.beauty().dot(LUMINANCE))).sum();
-    (sum / pixels.len().max(1) as f64) as f32
+    ((sum / pixels.len().max(1) as f64) as f32).max(1e-30)
 }
 
 fn need(looks: &[Look], width: usize, height: usize, x: usize, y: usize, contrast: f32) -> Need {
@@ -70,13 +86,18 @@ fn need(looks: &[Look], width: usize, height: usize, x: usize, y: usize, contras
         let other = looks[ny as usize * width + nx as usize];
         let difference = (other.tone - own.tone).abs().max_element();
         let is_edge = if own.penumbra || other.penumbra {
-            need = Need::Shadows;
+            if need == Need::Nothing {
+                need = Need::Shadows;
+            }
             difference > SHARP * contrast || (other.open - own.open).abs().max_element() > contrast
         } else {
             difference > contrast
         };
-        if other.trail != own.trail || is_edge {
+        if is_edge && difference > STRONG * contrast {
             return Need::Samples;
+        }
+        if is_edge || other.trail != own.trail {
+            need = Need::FewSamples;
         }
     }
     need

@@ -7,6 +7,7 @@ use glam::Vec3;
 use catoptric_light::irradiance::Scratch;
 use catoptric_light::{Lights, Receiver};
 use catoptric_scene::Rgb;
+use catoptric_scene::quantity::LUMINANCE;
 use catoptric_solution::{Solution, Term};
 use catoptric_trace::sequence::Key;
 use catoptric_trace::walk::Arrival;
@@ -16,6 +17,7 @@ use catoptric_trace::{MediumStack, Ray};
 use crate::direct::SourceLight;
 use crate::layers::{LightLayer, LightLayers};
 use crate::lines::{self, Footprint};
+use crate::needs::DARK;
 
 /// What the eye sees first along a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,8 +51,10 @@ pub struct Sample {
     pub penumbra: bool,
     /// Share of the pixel that lines along the edges of the display mesh cover, if they were asked for.
     pub lines: f32,
-    /// Standard error of a mean of several samples, relative to its luminance; else zero.
-    pub error: f32,
+    /// Samples on a grid of its own that a pixel is made of; none if it is the ray through its centre.
+    pub samples: u32,
+    /// Sum of their squared luminances.
+    pub squares: f32,
     /// The first hit.
     pub first: FirstHit,
     /// Hash of what was met along all but the faintest branches: samples that differ in it straddle an edge.
@@ -64,10 +68,22 @@ impl Sample {
         open: Rgb::ZERO,
         penumbra: false,
         lines: 0.0,
-        error: 0.0,
+        samples: 0,
+        squares: 0.0,
         first: FirstHit::SKY,
         trail: 0,
     };
+
+    /// Standard deviation of the samples that a pixel is made of, relative to its displayed luminance where `exposure` is
+    /// the mean luminance of the picture.
+    pub(crate) fn deviation(&self, exposure: f32) -> f32 {
+        if self.samples < 2 {
+            return 0.0;
+        }
+        let (count, mean) = (self.samples as f32, self.light.beauty().dot(LUMINANCE));
+        let variance = (self.squares - count * mean * mean).max(0.0) / (count - 1.0);
+        variance.sqrt() / (mean + DARK * exposure)
+    }
 }
 
 /// What a view needs.
@@ -149,7 +165,16 @@ impl Eye<'_> {
         );
         let blocked = shadows.as_ref().map_or(Rgb::ZERO, |s| s.blocked);
         let penumbra = shadows.is_some_and(|s| s.penumbra);
-        Sample { open: light.beauty() + blocked, light, penumbra, lines, error: 0.0, first, trail }
+        Sample {
+            open: light.beauty() + blocked,
+            light,
+            penumbra,
+            lines,
+            samples: 0,
+            squares: 0.0,
+            first,
+            trail,
+        }
     }
 
     /// Adds what a surface sends to the eye.

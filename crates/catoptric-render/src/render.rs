@@ -3,7 +3,7 @@
 //! Anti-aliasing is adaptive and unbiased: which pixels get more samples is decided by other samples than those that
 //! they are made of. A first ray through each pixel's centre leaves a trail of what it met; pixels whose trail differs
 //! from a neighbour's, or whose radiance bends, are sampled again on a grid of their own, and the first ray is not used.
-//! Where their neighbours turn out noisy, they are sampled once more.
+//! As long as their neighbours turn out noisy, they are sampled more.
 //! Pixels in or beside a penumbra that shadow rays found are sampled again through the centre, by more of them.
 
 use std::ops::Range;
@@ -23,7 +23,7 @@ use catoptric_trace::walk::split::SplitParams;
 use crate::direct::{DirectLight, ShadowRays};
 use crate::layers::{LightLayers, NAMES};
 use crate::lines::{Footprint, LAYER as LINES};
-use crate::needs::{Need, needs};
+use crate::needs::{Need, mean_luminance, needs};
 use crate::pixel::{Eye, Sample};
 
 /// Parameters of pass two.
@@ -41,12 +41,15 @@ pub struct RenderParams {
     pub direct: DirectLight,
     /// Seed of all sequences.
     pub seed: u32,
-    /// Samples of a pixel on an edge.
+    /// Samples of a pixel on an edge, at least; four times as many to begin with where its contrast is strong.
     pub edge_samples: u32,
+    /// … and at most.
+    pub most_samples: u32,
     /// Differences of displayed luminance between neighbours, relative, that call for more samples.
     pub contrast: f32,
-    /// Standard error of a pixel on an edge, relative to its luminance, beside which pixels on an edge are made of four
-    /// times as many samples.
+    /// Standard deviation of the samples of a pixel, relative to its displayed luminance, per sample: pixels on an edge
+    /// beside one that has more are made of four times as many samples. (The squared error of a mean of n samples falls
+    /// by σ²/n² with the next one: the same everywhere at the least cost.)
     pub noise: f32,
     /// Write the light layers and the data layers (albedo, normal, depth, ids) beside the beauty.
     pub layers: bool,
@@ -58,11 +61,11 @@ impl RenderParams {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality, width: usize, height: usize) -> Self {
         // At 5e-4 the pixels of a furnace with glass stay within 1e-3; at 2e-3 one in forty does not.
-        let (edge_samples, noise, roulette_below) = match quality {
-            Quality::Sketch => (4, 1.0, 5e-3),
-            Quality::Draft => (8, 0.12, 2e-3),
-            Quality::Standard => (16, 0.12, 5e-4),
-            Quality::High => (64, 0.12, 5e-4),
+        let (edge_samples, most_samples, noise, roulette_below) = match quality {
+            Quality::Sketch => (4, 4, 0.03, 5e-3),
+            Quality::Draft => (4, 16, 0.03, 2e-3),
+            Quality::Standard => (4, 64, 0.03, 5e-4),
+            Quality::High => (16, 256, 0.015, 5e-4),
         };
         Self {
             width,
@@ -72,6 +75,7 @@ impl RenderParams {
             direct: DirectLight::Vertices,
             seed: 0,
             edge_samples,
+            most_samples,
             contrast: 0.1,
             noise,
             layers: false,
@@ -111,9 +115,13 @@ pub fn render(
     let lights = Lights::new(tracer, params.light);
     let eye = Eye { lights: &lights, solution, params: params.walk };
     let (width, height) = (params.width, params.height);
+    let mut counts = vec![params.edge_samples.clamp(1, params.most_samples)];
+    while let Some(&count) = counts.last().filter(|&&count| count < params.most_samples) {
+        counts.push(count.saturating_mul(MORE).min(params.most_samples));
+    }
 
     // One ray through the centre of every pixel.
-    progress.begin("image", 3 * (width * height).div_ceil(JOB) as u64);
+    progress.begin("image", ((1 + counts.len()) * (width * height).div_ceil(JOB)) as u64);
     let mut pixels = Vec::with_capacity(width * height);
     for _ in 0..height {
         // Gigabytes, where the picture is large.
@@ -128,7 +136,9 @@ pub fn render(
     })?;
 
     // Pixels beside an edge are made of new samples.
-    let needs = needs(&pixels, width, height, params.contrast);
+    let strong = counts[1.min(counts.len() - 1)];
+    let exposure = mean_luminance(&pixels);
+    let needs = needs(&pixels, width, height, params.contrast, exposure);
     for_pixels(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
         Need::Nothing => {}
         Need::Shadows => {
@@ -136,21 +146,25 @@ pub fn render(
             pixel.light =
                 shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 1), key, scratch).light;
         }
-        Need::Samples => resample(&eye, camera, params, at, 0..params.edge_samples, pixel, scratch),
+        Need::FewSamples => resample(&eye, camera, params, at, 0..counts[0], pixel, scratch),
+        Need::Samples => resample(&eye, camera, params, at, 0..strong, pixel, scratch),
     })?;
-    let noisy = beside_noise(&pixels, &needs, width, params.noise);
-    let all = NOISY_SHARE * params.edge_samples;
-    for_pixels(&mut pixels, width, progress, |at, pixel, scratch| {
-        if noisy[at.1 * width + at.0] {
-            resample(&eye, camera, params, at, params.edge_samples..all, pixel, scratch);
-        }
-    })?;
+    for count in counts.windows(2) {
+        let (known, more) = (count[0], count[1]);
+        let noisy = beside_noise(&pixels, width, known, params.noise, exposure);
+        for_pixels(&mut pixels, width, progress, |at, pixel, scratch| {
+            if noisy[at.1 * width + at.0] {
+                resample(&eye, camera, params, at, known..more, pixel, scratch);
+            }
+        })?;
+    }
+    let edge_samples: u64 = pixels.iter().map(|p| u64::from(p.samples)).sum();
 
     let count = |need: Need| needs.iter().filter(|n| **n == need).count() as u64;
-    let (edges, penumbra_pixels) = (count(Need::Samples), count(Need::Shadows));
-    let more = noisy.iter().filter(|n| **n).count() as u64 * u64::from(all - params.edge_samples);
+    let penumbra_pixels = count(Need::Shadows);
+    let edges = count(Need::FewSamples) + count(Need::Samples);
     let report = RenderReport {
-        samples: (width * height) as u64 + edges * u64::from(params.edge_samples) + more + penumbra_pixels,
+        samples: (width * height) as u64 + edge_samples + penumbra_pixels,
         refined_pixels: edges + penumbra_pixels,
         penumbra_pixels,
     };
@@ -201,8 +215,8 @@ fn shoot(
     eye.sample(origin + direction * camera.near, direction, footprint, shadow_rays, key, scratch)
 }
 
-/// Samples of a noisy pixel (the rim of a glass, with lamps in it) for each of one on an edge.
-const NOISY_SHARE: u32 = 4;
+/// Samples of a pixel beside a noisy one (the rim of a glass, with lamps in it) for each that it has already.
+const MORE: u32 = 4;
 
 /// Replaces the light of a pixel by the mean of samples on a grid of its own (box filter), or adds the `fresh` ones among
 /// them to the mean of those before.
@@ -216,41 +230,40 @@ fn resample(
     scratch: &mut Scratch,
 ) {
     let key = again(params, at);
-    let rays = shadow_rays(params, params.edge_samples);
+    let rays = shadow_rays(params, fresh.end);
     let (count, known) = (fresh.end.max(1) as f32, fresh.start as f32);
     if fresh.start == 0 {
         pixel.light = LightLayers::default();
-        pixel.lines = 0.0;
+        (pixel.lines, pixel.squares) = (0.0, 0.0);
     }
     pixel.light.scale(known);
     pixel.lines *= known;
-    let (mut sum, mut squares) = (0.0_f32, 0.0_f32);
+    pixel.samples = fresh.end;
     for index in fresh {
         let offset = key.point2(index);
         let sample = shoot(eye, camera, params, at, (offset.x, offset.y), rays, key.child(index), scratch);
         pixel.light.accumulate(&sample.light);
         pixel.lines += sample.lines;
         let luminance = sample.light.beauty().dot(LUMINANCE);
-        sum += luminance;
-        squares += luminance * luminance;
+        pixel.squares += luminance * luminance;
     }
     pixel.light.scale(1.0 / count);
     pixel.lines /= count;
-    // The squared standard error of the mean of n samples is (Σl² − (Σl)²/n) / n².
-    pixel.error = (squares - sum * sum / count).max(0.0).sqrt() / sum.max(f32::MIN_POSITIVE);
 }
 
-/// Pixels on an edge that stand beside noisy ones. Their own noise has no say: those whose samples missed what is bright
-/// would keep them, and the picture would be too dark.
-fn beside_noise(pixels: &[Sample], needs: &[Need], width: usize, noise: f32) -> Vec<bool> {
+/// Pixels on an edge of so many samples that stand beside noisy ones. Their own noise has no say: those whose samples
+/// missed what is bright would keep them, and the picture would be too dark.
+fn beside_noise(pixels: &[Sample], width: usize, samples: u32, noise: f32, exposure: f32) -> Vec<bool> {
     let height = pixels.len() / width.max(1);
-    let is_noisy = |x: usize, y: usize| pixels[y * width + x].error > noise;
+    let limit = noise * samples as f32;
+    let is_noisy: Vec<bool> = pixels.iter().map(|p| p.deviation(exposure) > limit).collect();
     (0..pixels.len())
         .map(|index| {
             let (x, y) = (index % width, index / width);
-            needs[index] == Need::Samples
+            pixels[index].samples == samples
                 && (y.saturating_sub(1)..(y + 2).min(height)).any(|v| {
-                    (x.saturating_sub(1)..(x + 2).min(width)).any(|u| (u, v) != (x, y) && is_noisy(u, v))
+                    (x.saturating_sub(1)..(x + 2).min(width))
+                        .any(|u| (u, v) != (x, y) && is_noisy[v * width + u])
                 })
         })
         .collect()
