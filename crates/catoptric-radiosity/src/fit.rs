@@ -86,6 +86,55 @@ pub fn fit(
     x
 }
 
+/// The normal equations.
+struct Normal {
+    /// Per vertex.
+    diagonal: Vec<f32>,
+    /// Per element: what couples the corners opposite to each corner.
+    coupling: Vec<[f32; 3]>,
+    /// Right-hand side, per vertex.
+    right: Vec<Rgb>,
+}
+
+impl Normal {
+    fn new(
+        mesh: &DisplayMesh,
+        samples: &[FitSample],
+        values: &[Rgb],
+        prior: &[Rgb],
+        trust: &[f32],
+        params: &FitParams,
+    ) -> Self {
+        let mut diagonal = vec![0.0_f32; mesh.vertices.len()];
+        for element in 0..mesh.elements.len() as u32 {
+            let third = mesh.area(element) / 3.0;
+            for v in mesh.elements[element as usize].vertices {
+                diagonal[v as usize] += third * params.prior * trust[v as usize];
+            }
+        }
+        let mut right: Vec<Rgb> = prior.iter().zip(&diagonal).map(|(&p, &m)| p * m).collect();
+        let mut coupling = vec![[0.0_f32; 3]; mesh.elements.len()];
+        for (s, &value) in samples.iter().zip(values) {
+            for (k, &v) in mesh.elements[s.element as usize].vertices.iter().enumerate() {
+                let w = s.weights[k] * s.area;
+                right[v as usize] += value * w;
+                diagonal[v as usize] += w * s.weights[k];
+                coupling[s.element as usize][(k + 2) % 3] += w * s.weights[(k + 1) % 3];
+            }
+        }
+        if params.smoothing > 0.0 {
+            for (index, (element, coupling)) in mesh.elements.iter().zip(&mut coupling).enumerate() {
+                for (k, w) in cotangents(mesh, index as u32, params.smoothing).into_iter().enumerate() {
+                    coupling[k] -= w;
+                    diagonal[element.vertices[(k + 1) % 3] as usize] += w;
+                    diagonal[element.vertices[(k + 2) % 3] as usize] += w;
+                }
+            }
+        }
+        Self { diagonal, coupling, right }
+    }
+}
+
 /// The minimum, which may be below zero.
 fn least_squares(
     mesh: &DisplayMesh,
@@ -95,59 +144,20 @@ fn least_squares(
     trust: &[f32],
     params: &FitParams,
 ) -> Vec<Rgb> {
-    let count = mesh.vertices.len();
-    let mut mass = vec![0.0_f32; count];
-    for element in 0..mesh.elements.len() as u32 {
-        let third = mesh.area(element) / 3.0;
-        for v in mesh.elements[element as usize].vertices {
-            mass[v as usize] += third * params.prior * trust[v as usize];
-        }
-    }
-    let stiffness: Vec<[f32; 3]> = if params.smoothing > 0.0 {
-        (0..mesh.elements.len() as u32).map(|e| cotangents(mesh, e, params.smoothing)).collect()
-    } else {
-        Vec::new()
-    };
-    let corners = |s: &FitSample| mesh.elements[s.element as usize].vertices;
+    let Normal { diagonal, coupling, right } = Normal::new(mesh, samples, values, prior, trust, params);
     let apply = |x: &[Rgb], out: &mut Vec<Rgb>| {
         out.clear();
-        out.extend(x.iter().zip(&mass).map(|(&x, &m)| x * m));
-        for s in samples {
-            let [a, b, c] = corners(s).map(|v| v as usize);
-            let value = (x[a] * s.weights[0] + x[b] * s.weights[1] + x[c] * s.weights[2]) * s.area;
-            out[a] += value * s.weights[0];
-            out[b] += value * s.weights[1];
-            out[c] += value * s.weights[2];
-        }
-        for (element, weights) in mesh.elements.iter().zip(&stiffness) {
+        out.extend(x.iter().zip(&diagonal).map(|(&x, &d)| x * d));
+        for (element, &[bc, ca, ab]) in mesh.elements.iter().zip(&coupling) {
             let [a, b, c] = element.vertices.map(|v| v as usize);
-            for ((i, j), &w) in [(b, c), (c, a), (a, b)].into_iter().zip(weights) {
-                let pull = (x[i] - x[j]) * w;
-                out[i] += pull;
-                out[j] -= pull;
-            }
+            out[a] += x[b] * ab + x[c] * ca;
+            out[b] += x[c] * bc + x[a] * ab;
+            out[c] += x[a] * ca + x[b] * bc;
         }
     };
-
-    // Right-hand side and diagonal (Jacobi preconditioner).
-    let mut right: Vec<Rgb> = prior.iter().zip(&mass).map(|(&p, &m)| p * m).collect();
-    let mut diagonal = mass.clone();
-    for (s, &value) in samples.iter().zip(values) {
-        for (v, w) in corners(s).into_iter().zip(s.weights) {
-            right[v as usize] += value * (w * s.area);
-            diagonal[v as usize] += w * w * s.area;
-        }
-    }
-    for (element, weights) in mesh.elements.iter().zip(&stiffness) {
-        let [a, b, c] = element.vertices.map(|v| v as usize);
-        for ((i, j), &w) in [(b, c), (c, a), (a, b)].into_iter().zip(weights) {
-            diagonal[i] += w;
-            diagonal[j] += w;
-        }
-    }
     let inverse: Vec<f32> = diagonal.iter().map(|&d| if d > 0.0 { 1.0 / d } else { 0.0 }).collect();
 
-    // Preconditioned conjugate gradients on the normal equations, one system for all channels, but with steps and an end of
+    // Conjugate gradients on the normal equations, preconditioned by their diagonal (Jacobi), one system for all channels, but with steps and an end of
     // its own for each part of the mesh that hangs together: beside the inside of a lamp, a wall would not count.
     let (part_of, parts) = parts(mesh);
     let dot = |a: &[Rgb], b: &[Rgb]| -> Vec<f64> {
@@ -158,7 +168,7 @@ fn least_squares(
         sums
     };
     let mut x = prior.to_vec();
-    let mut product = Vec::with_capacity(count);
+    let mut product = Vec::with_capacity(x.len());
     apply(&x, &mut product);
     let mut residual: Vec<Rgb> = right.iter().zip(&product).map(|(&r, &p)| r - p).collect();
     let scaled = |r: &[Rgb]| -> Vec<Rgb> { r.iter().zip(&inverse).map(|(&r, &i)| r * i).collect() };

@@ -234,23 +234,24 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     });
     let displayed = draft.display(tracer);
     let hidden = near.hidden_vertices(&draft);
-    fit_sources(&lights, &draft, &displayed, &hidden, &asked, &mut sources, params, spacing, progress)?;
+
+    // The fit of that, and beside it light over curved mirrors and glass, on a mesh of its own: it only wants to know about how
+    // bright it is.
+    progress.begin("fit", displayed.mesh.elements.len() as u64);
+    let samples: Vec<Rgb> = sources[..base_vertices].iter().map(SourceLight::sum).collect();
+    let (fitted, caustic) = rayon::join(
+        || fit_sources(&lights, &draft, &displayed, &hidden, &asked, &mut sources, params, spacing, progress),
+        || {
+            let base = mesh_of_gathers.display(tracer);
+            let (walk, seed) = (params.walk, params.seed);
+            caustic(&lights, &mesh_of_gathers, &base, &samples, walk, seed, &params.caustic, progress)
+        },
+    );
+    fitted?;
+    let caustic = caustic?;
     for &v in &displayed.origin {
         values.values[v as usize] = sources[v as usize].sum();
     }
-
-    // Light over curved mirrors and glass, on a mesh of its own.
-    let shown = mesh_of_gathers.display(tracer);
-    let caustic = caustic(
-        &lights,
-        &mesh_of_gathers,
-        &shown,
-        &values.values[..base_vertices],
-        params.walk,
-        params.seed,
-        &params.caustic,
-        progress,
-    )?;
     if let Some(caustic) = &caustic {
         report.caustic = caustic.report;
         values.values.iter_mut().zip(caustic.on(&draft)).for_each(|(light, more)| *light += more);

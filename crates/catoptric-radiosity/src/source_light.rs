@@ -135,7 +135,6 @@ pub(crate) fn fit_sources(
     }
     let tracer = lights.tracer();
     let mesh = &displayed.mesh;
-    progress.begin("fit", mesh.elements.len() as u64);
     // Small elements of finely tessellated surfaces share: as many points as their area is worth. Refined ones are small
     // because light varies there: they get all, unless they are tiny.
     let whole = 0.5 * spacing * spacing;
