@@ -284,10 +284,21 @@ impl Draft {
 
     /// All edges of the leaves, ascending, each once.
     pub fn edges(&self) -> Vec<(u32, u32)> {
+        self.edges_where(|_| true)
+    }
+
+    /// The edges of the leaves of which one end is such a vertex, ascending, each once.
+    pub fn edges_where(&self, is_such: impl Fn(u32) -> bool + Sync) -> Vec<(u32, u32)> {
         let mut edges: Vec<(u32, u32)> = self
             .leaves
-            .iter()
-            .flat_map(|l| (0..3).map(|k| edge(l.vertices[k], l.vertices[(k + 1) % 3])))
+            .par_iter()
+            .with_min_len(512)
+            .flat_map_iter(|leaf| {
+                let such = leaf.vertices.map(&is_such);
+                (0..3)
+                    .filter(move |&k| such[k] || such[(k + 1) % 3])
+                    .map(|k| edge(leaf.vertices[k], leaf.vertices[(k + 1) % 3]))
+            })
             .collect();
         edges.par_sort_unstable();
         edges.dedup();
@@ -429,15 +440,15 @@ impl Draft {
             .is_some_and(|&m| self.marked.contains(&edge(a, m)) || self.marked.contains(&edge(m, b)))
     }
 
-    /// Number of vertices that are corners of leaves.
-    pub fn active_vertices(&self) -> usize {
+    /// Which vertices are corners of leaves.
+    pub fn active_vertices(&self) -> Vec<bool> {
         let mut used = vec![false; self.vertices.len()];
         for leaf in &self.leaves {
             for &v in &leaf.vertices {
                 used[v as usize] = true;
             }
         }
-        used.iter().filter(|u| **u).count()
+        used
     }
 
     /// The conforming triangles of a leaf: itself, or two halves.

@@ -175,8 +175,8 @@ pub fn refine(
     let fine = |a: u32, b: u32, length: f32| {
         values.sharing.shares(a) && values.sharing.shares(b) && length < 2.0 * cell
     };
-    let mut known = draft.edges();
-    let mut candidates = known.clone();
+    let mut candidates = draft.edges();
+    let mut active = draft.active_vertices();
     candidates.retain(|&(a, b)| {
         let [p, q] = [a, b].map(|v| draft.vertices[v as usize].position);
         !fine(a, b, (q - p).length())
@@ -222,8 +222,7 @@ pub fn refine(
         marks.sort_by(|x, y| x.1.cmp(&y.1).then(y.0.total_cmp(&x.0)));
         marks.dedup_by_key(|m| m.1);
         marks.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
-        let active = draft.active_vertices();
-        let room = params.max_vertices.saturating_sub(active);
+        let room = params.max_vertices.saturating_sub(active.iter().filter(|&&used| used).count());
         marks.truncate(room / 4);
         if marks.is_empty() {
             return Ok(());
@@ -231,11 +230,9 @@ pub fn refine(
         let marks: Vec<(u32, u32)> = marks.into_iter().map(|m| m.1).collect();
         draft.split(tracer, &marks);
         values.extend(draft, field, progress)?;
-        // Only new edges are looked at in the next round.
-        let edges = draft.edges();
-        candidates.clear();
-        candidates.extend(edges.iter().filter(|e| known.binary_search(e).is_err()));
-        known = edges;
+        // Only new edges are looked at in the next round: those with an end that was not there.
+        candidates = draft.edges_where(|v| !active.get(v as usize).is_some_and(|&used| used));
+        active = draft.active_vertices();
     }
     Ok(())
 }
@@ -296,12 +293,22 @@ fn test_inside(
 
 /// Area-weighted mean of the largest channel.
 pub fn mean(draft: &Draft, values: &[Rgb]) -> f32 {
-    let (mut sum, mut area) = (0.0_f64, 0.0_f64);
-    for leaf in &draft.leaves {
-        let a = f64::from(draft.area(leaf));
-        let value: f32 = leaf.vertices.iter().map(|&v| values[v as usize].max_element()).sum::<f32>() / 3.0;
-        sum += a * f64::from(value);
-        area += a;
-    }
+    use rayon::prelude::*;
+    // Sums of pieces of one size: the same for any number of threads.
+    let pieces: Vec<(f64, f64)> = draft
+        .leaves
+        .par_chunks(4096)
+        .map(|leaves| {
+            let (mut sum, mut area) = (0.0_f64, 0.0_f64);
+            for leaf in leaves {
+                let a = f64::from(draft.area(leaf));
+                let corners = leaf.vertices.iter().map(|&v| values[v as usize].max_element());
+                sum += a * f64::from(corners.sum::<f32>() / 3.0);
+                area += a;
+            }
+            (sum, area)
+        })
+        .collect();
+    let (sum, area) = pieces.iter().fold((0.0, 0.0), |(sum, area), piece| (sum + piece.0, area + piece.1));
     if area > 0.0 { (sum / area) as f32 } else { 0.0 }
 }
