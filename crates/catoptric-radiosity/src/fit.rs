@@ -8,6 +8,10 @@
 //! integral, too. A strong prior does not: point samples at vertices see the dark of corners. What it takes from the samples is
 //! given back, spread so wide that no noise returns with it: Σ a_s (h_s − f(x_s)) is fitted in turn, with a wide membrane.
 
+use std::ops::Range;
+
+use rayon::prelude::*;
+
 use catoptric_scene::Rgb;
 use catoptric_solution::DisplayMesh;
 
@@ -61,7 +65,8 @@ pub fn fit(
     trust: &[f32],
     params: &FitParams,
 ) -> Vec<Rgb> {
-    let mut x = least_squares(mesh, samples, values, prior, trust, params);
+    let parts = Parts::new(mesh);
+    let mut x = least_squares(mesh, &parts, samples, values, prior, trust, params);
     if params.balance > 0.0 {
         let left: Vec<Rgb> = samples
             .iter()
@@ -78,12 +83,99 @@ pub fn fit(
             ..*params
         };
         let nothing = vec![Rgb::ZERO; x.len()];
-        for (x, more) in x.iter_mut().zip(least_squares(mesh, samples, &left, &nothing, trust, &wide)) {
+        let more = least_squares(mesh, &parts, samples, &left, &nothing, trust, &wide);
+        for (x, more) in x.iter_mut().zip(more) {
             *x += more;
         }
     }
     lift(mesh, &mut x);
     x
+}
+
+/// The minimum, which may be below zero.
+fn least_squares(
+    mesh: &DisplayMesh,
+    parts: &Parts,
+    samples: &[FitSample],
+    values: &[Rgb],
+    prior: &[Rgb],
+    trust: &[f32],
+    params: &FitParams,
+) -> Vec<Rgb> {
+    let normal = Normal::new(mesh, samples, values, prior, trust, params);
+    let found: Vec<Vec<Rgb>> = parts
+        .jobs
+        .par_windows(2)
+        .with_max_len(1)
+        .map(|job| {
+            let mut system = System::new(mesh, parts, job[0]..job[1], &normal, prior);
+            (job[0]..job[1]).for_each(|part| system.solve(parts, part, params));
+            system.x
+        })
+        .collect();
+    let mut x = vec![Rgb::ZERO; prior.len()];
+    for (&v, value) in parts.vertices.iter().zip(found.into_iter().flatten()) {
+        x[v as usize] = value;
+    }
+    x
+}
+
+/// Vertices of a job, at least: parts of a few are solved together.
+const JOB_VERTICES: u32 = 512;
+
+/// The parts of a mesh that hang together by elements, side by side.
+struct Parts {
+    /// Of each part, its first vertex and its first element in the lists; one more ends the last.
+    starts: Vec<[u32; 2]>,
+    /// Vertices, part by part, ascending.
+    vertices: Vec<u32>,
+    /// Place of each vertex in that list.
+    place: Vec<u32>,
+    /// Elements, part by part, ascending.
+    elements: Vec<u32>,
+    /// First parts of the jobs that all is done in; one more ends the last.
+    jobs: Vec<usize>,
+}
+
+impl Parts {
+    fn new(mesh: &DisplayMesh) -> Self {
+        let mut joined = Union::new(mesh.vertices.len());
+        for element in &mesh.elements {
+            let [a, b, c] = element.vertices;
+            joined.join(a, b);
+            joined.join(a, c);
+        }
+        let (part_of, count) = joined.numbered();
+        let part_of_element = |e: &u32| part_of[mesh.elements[*e as usize].vertices[0] as usize];
+        let mut vertices: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
+        vertices.sort_by_key(|&v| part_of[v as usize]);
+        let mut elements: Vec<u32> = (0..mesh.elements.len() as u32).collect();
+        elements.sort_by_key(part_of_element);
+        let mut place = vec![0; vertices.len()];
+        for (index, &v) in vertices.iter().enumerate() {
+            place[v as usize] = index as u32;
+        }
+        let mut starts = Vec::with_capacity(count + 1);
+        let mut start = [0, 0];
+        for part in 0..=count as u32 {
+            starts.push(start);
+            start[0] +=
+                vertices[start[0] as usize..].iter().take_while(|v| part_of[**v as usize] == part).count()
+                    as u32;
+            start[1] +=
+                elements[start[1] as usize..].iter().take_while(|e| part_of_element(e) == part).count()
+                    as u32;
+        }
+        let mut jobs = vec![0];
+        let mut first = 0;
+        for (part, &[end, _]) in starts.iter().enumerate().skip(1) {
+            if end - first >= JOB_VERTICES || part == count {
+                jobs.push(part);
+                first = end;
+            }
+        }
+        Self { starts, vertices, place, elements, jobs }
+    }
 }
 
 /// The normal equations.
@@ -135,74 +227,79 @@ impl Normal {
     }
 }
 
-/// The minimum, which may be below zero.
-fn least_squares(
-    mesh: &DisplayMesh,
-    samples: &[FitSample],
-    values: &[Rgb],
-    prior: &[Rgb],
-    trust: &[f32],
-    params: &FitParams,
-) -> Vec<Rgb> {
-    let Normal { diagonal, coupling, right } = Normal::new(mesh, samples, values, prior, trust, params);
-    let apply = |x: &[Rgb], out: &mut Vec<Rgb>| {
-        out.clear();
-        out.extend(x.iter().zip(&diagonal).map(|(&x, &d)| x * d));
-        for (element, &[bc, ca, ab]) in mesh.elements.iter().zip(&coupling) {
-            let [a, b, c] = element.vertices.map(|v| v as usize);
-            out[a] += x[b] * ab + x[c] * ca;
-            out[b] += x[c] * bc + x[a] * ab;
-            out[c] += x[a] * ca + x[b] * bc;
-        }
-    };
-    let inverse: Vec<f32> = diagonal.iter().map(|&d| if d > 0.0 { 1.0 / d } else { 0.0 }).collect();
+/// The equations of the parts of a job, and what is known of the minimum.
+struct System {
+    /// The first vertex and the first element in the lists of the parts.
+    first: [u32; 2],
+    diagonal: Vec<f32>,
+    /// Corners of the elements among the vertices of the job, and what couples those opposite to each.
+    elements: Vec<([u32; 3], [f32; 3])>,
+    right: Vec<Rgb>,
+    x: Vec<Rgb>,
+}
 
-    // Conjugate gradients on the normal equations, preconditioned by their diagonal (Jacobi), one system for all channels, but with steps and an end of
-    // its own for each part of the mesh that hangs together: beside the inside of a lamp, a wall would not count.
-    let (part_of, parts) = parts(mesh);
-    let dot = |a: &[Rgb], b: &[Rgb]| -> Vec<f64> {
-        let mut sums = vec![0.0; parts];
-        for ((a, b), &part) in a.iter().zip(b).zip(&part_of) {
-            sums[part as usize] += f64::from(a.dot(*b));
-        }
-        sums
-    };
-    let mut x = prior.to_vec();
-    let mut product = Vec::with_capacity(x.len());
-    apply(&x, &mut product);
-    let mut residual: Vec<Rgb> = right.iter().zip(&product).map(|(&r, &p)| r - p).collect();
-    let scaled = |r: &[Rgb]| -> Vec<Rgb> { r.iter().zip(&inverse).map(|(&r, &i)| r * i).collect() };
-    let mut z = scaled(&residual);
-    let mut direction = z.clone();
-    let mut energy = dot(&residual, &z);
-    let squared = params.tolerance * params.tolerance;
-    let goal: Vec<f64> = dot(&right, &scaled(&right)).iter().map(|g| (g * squared).max(0.0)).collect();
-    for _ in 0..params.max_steps {
-        if energy.iter().zip(&goal).all(|(energy, goal)| energy <= goal) {
-            break;
-        }
-        apply(&direction, &mut product);
-        let curvature = dot(&direction, &product);
-        let step: Vec<f32> = energy
-            .iter()
-            .zip(&goal)
-            .zip(&curvature)
-            .map(|((&e, &goal), &c)| if e > goal && c > 0.0 { (e / c) as f32 } else { 0.0 })
-            .collect();
-        for (i, &part) in part_of.iter().enumerate() {
-            x[i] += direction[i] * step[part as usize];
-            residual[i] -= product[i] * step[part as usize];
-        }
-        z = scaled(&residual);
-        let next = dot(&residual, &z);
-        let ratio = |(&next, &last): (&f64, &f64)| if last > 0.0 { (next / last) as f32 } else { 0.0 };
-        let beta: Vec<f32> = next.iter().zip(&energy).map(ratio).collect();
-        energy = next;
-        for (i, &part) in part_of.iter().enumerate() {
-            direction[i] = z[i] + direction[i] * beta[part as usize];
+impl System {
+    fn new(mesh: &DisplayMesh, parts: &Parts, job: Range<usize>, normal: &Normal, prior: &[Rgb]) -> Self {
+        let (first, end) = (parts.starts[job.start], parts.starts[job.end]);
+        let vertices = &parts.vertices[first[0] as usize..end[0] as usize];
+        let elements = &parts.elements[first[1] as usize..end[1] as usize];
+        let corners = |e: u32| mesh.elements[e as usize].vertices.map(|v| parts.place[v as usize] - first[0]);
+        Self {
+            first,
+            diagonal: vertices.iter().map(|&v| normal.diagonal[v as usize]).collect(),
+            elements: elements.iter().map(|&e| (corners(e), normal.coupling[e as usize])).collect(),
+            right: vertices.iter().map(|&v| normal.right[v as usize]).collect(),
+            x: vertices.iter().map(|&v| prior[v as usize]).collect(),
         }
     }
-    x
+
+    /// Conjugate gradients, preconditioned by the diagonal (Jacobi), for one of the parts: one system for all channels. Each
+    /// part has steps and an end of its own: beside the inside of a lamp, a wall would not count.
+    fn solve(&mut self, parts: &Parts, part: usize, params: &FitParams) {
+        let [from, to] = [0, 1].map(|k| parts.starts[part + k].map(|i| i as usize));
+        let vertices = from[0] - self.first[0] as usize..to[0] - self.first[0] as usize;
+        let elements = &self.elements[from[1] - self.first[1] as usize..to[1] - self.first[1] as usize];
+        let (diagonal, right) = (&self.diagonal[vertices.clone()], &self.right[vertices.clone()]);
+        let apply = |x: &[Rgb], out: &mut Vec<Rgb>| {
+            out.clear();
+            out.extend(x.iter().zip(diagonal).map(|(&x, &d)| x * d));
+            for (corners, [bc, ca, ab]) in elements {
+                let [a, b, c] = corners.map(|v| v as usize - vertices.start);
+                out[a] += x[b] * *ab + x[c] * *ca;
+                out[b] += x[c] * *bc + x[a] * *ab;
+                out[c] += x[a] * *ca + x[b] * *bc;
+            }
+        };
+        let dot = |a: &[Rgb], b: &[Rgb]| a.iter().zip(b).map(|(a, b)| f64::from(a.dot(*b))).sum::<f64>();
+        let inverse: Vec<f32> = diagonal.iter().map(|&d| if d > 0.0 { 1.0 / d } else { 0.0 }).collect();
+        let scaled = |r: &[Rgb]| -> Vec<Rgb> { r.iter().zip(&inverse).map(|(&r, &i)| r * i).collect() };
+
+        let x = &mut self.x[vertices.clone()];
+        let mut product = Vec::with_capacity(x.len());
+        apply(x, &mut product);
+        let mut residual: Vec<Rgb> = right.iter().zip(&product).map(|(&r, &p)| r - p).collect();
+        let mut direction = scaled(&residual);
+        let mut energy = dot(&residual, &direction);
+        let goal = dot(right, &scaled(right)) * (params.tolerance * params.tolerance);
+        for _ in 0..params.max_steps {
+            apply(&direction, &mut product);
+            let curvature = dot(&direction, &product);
+            if energy <= goal || curvature <= 0.0 {
+                break;
+            }
+            let step = (energy / curvature) as f32;
+            for (i, x) in x.iter_mut().enumerate() {
+                *x += direction[i] * step;
+                residual[i] -= product[i] * step;
+            }
+            let last = energy;
+            energy = residual.iter().zip(&inverse).map(|(&r, &i)| f64::from(r.dot(r * i))).sum();
+            let ratio = (energy / last) as f32;
+            for (i, direction) in direction.iter_mut().enumerate() {
+                *direction = residual[i] * inverse[i] + *direction * ratio;
+            }
+        }
+    }
 }
 
 /// Rounds in which neighbours give to what is below zero.
@@ -250,17 +347,6 @@ fn lift(mesh: &DisplayMesh, values: &mut [Rgb]) {
     for value in values {
         *value = value.max(Rgb::ZERO);
     }
-}
-
-/// The part of the mesh that each vertex belongs to, and their number: what hangs together by elements.
-fn parts(mesh: &DisplayMesh) -> (Vec<u32>, usize) {
-    let mut joined = Union::new(mesh.vertices.len());
-    for element in &mesh.elements {
-        let [a, b, c] = element.vertices;
-        joined.join(a, b);
-        joined.join(a, c);
-    }
-    joined.numbered()
 }
 
 /// ℓ² times the edge weights of the element's stiffness matrix: half the cotangent of the opposite angle (Pinkall &
