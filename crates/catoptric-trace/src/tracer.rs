@@ -11,7 +11,7 @@ use crate::eight::Level;
 use crate::fresnel::{self, DiffuseFresnel};
 use crate::medium::Media;
 use crate::plane::{PlaneId, Planes};
-use crate::tree::{CUT_OUT, Facet, Nearest, Occlusion, PASSES, Probe, TRANSMITS, Tree};
+use crate::tree::{Boxes, CUT_OUT, Facet, Nearest, Occlusion, PASSES, Probe, TRANSMITS, Tree};
 
 /// A ray. Everything in the plane `from` is ignored, exactly: no offsets.
 #[derive(Clone, Copy, Debug)]
@@ -93,7 +93,8 @@ impl<'a> Tracer<'a> {
     /// The same, with the triangles given to the tree builder in another order: a permutation of their ids. The
     /// tree differs, no answer does.
     pub fn with_order(scene: &'a Scene, order: &[u32]) -> Self {
-        let planes = Planes::new(scene);
+        let corners: Vec<[Vec3; 3]> = order.iter().map(|&id| scene.corners(TriangleId(id))).collect();
+        let (boxes, planes) = rayon::join(|| Boxes::around(&corners), || Planes::new(scene));
         let material_flags: Vec<u8> = scene
             .materials()
             .iter()
@@ -110,17 +111,18 @@ impl<'a> Tracer<'a> {
             .collect();
         let facets: Vec<Facet> = order
             .iter()
-            .map(|&id| {
+            .zip(corners)
+            .map(|(&id, corners)| {
                 let triangle = TriangleId(id);
                 Facet {
-                    corners: scene.corners(triangle),
+                    corners,
                     id,
                     plane: planes.of(triangle),
                     flags: material_flags[scene.material_id_of(triangle).index()],
                 }
             })
             .collect();
-        let tree = Tree::build(&facets);
+        let tree = Tree::build(&boxes, &facets);
         let mut kinds = vec![0_u8; planes.len()];
         for facet in &facets {
             kinds[facet.plane.0 as usize] |= if facet.flags & TRANSMITS != 0 { 1 } else { 2 };

@@ -77,6 +77,51 @@ pub(crate) struct Tree {
     pub(crate) level: Level,
 }
 
+/// The boxes of triangles, in pairs.
+pub(crate) struct Boxes {
+    binary: Bvh2,
+    padding: f32,
+}
+
+impl Boxes {
+    /// Around triangles with these corners.
+    pub(crate) fn around(triangles: &[[Vec3; 3]]) -> Self {
+        let mut all = Aabb::empty();
+        for corner in triangles.iter().flatten() {
+            all.extend((*corner).into());
+        }
+        // Half a ten-thousandth of a percent of the scene: above the rounding of slabs and positions (2⁻²³ each).
+        let reach = all.min.abs().max(all.max.abs()).max_element().max(all.diagonal().max_element());
+        let padding = reach * 2e-6 + f32::MIN_POSITIVE;
+        if triangles.is_empty() {
+            return Self { binary: Bvh2::default(), padding };
+        }
+        let boxes: Vec<Aabb> = triangles
+            .iter()
+            .map(|corners| {
+                let mut aabb = Aabb::empty();
+                for corner in corners {
+                    aabb.extend((*corner).into());
+                }
+                aabb.min -= padding;
+                aabb.max += padding;
+                aabb
+            })
+            .collect();
+        let indices = (0..triangles.len() as u32).collect();
+        let mut binary = PlocBuilder::with_capacity(triangles.len()).build(
+            PlocSearchDistance::Low,
+            &boxes,
+            indices,
+            SortPrecision::U64,
+            2,
+        );
+        ReinsertionOptimizer::default().run(&mut binary, 0.15, None);
+        leaf_collapser::collapse(&mut binary, 8, 2.5);
+        Self { binary, padding }
+    }
+}
+
 /// What a ray brings to the traversal.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Probe {
@@ -136,42 +181,12 @@ impl Probe {
 }
 
 impl Tree {
-    /// Builds the tree over `facets` in the order given; hits do not depend on that order.
-    pub(crate) fn build(facets: &[Facet]) -> Self {
-        if facets.is_empty() {
-            return Self::default();
+    /// The tree over `facets`, whose boxes are those of `boxes`; hits do not depend on their order.
+    pub(crate) fn build(boxes: &Boxes, facets: &[Facet]) -> Self {
+        let mut tree = Self { padding: boxes.padding, level: Level::detect(), ..Self::default() };
+        if !facets.is_empty() {
+            tree.collapse(&boxes.binary, facets);
         }
-        let mut all = Aabb::empty();
-        for corner in facets.iter().flat_map(|f| f.corners) {
-            all.extend(corner.into());
-        }
-        // Half a ten-thousandth of a percent of the scene: above the rounding of slabs and positions (2⁻²³ each).
-        let reach = all.min.abs().max(all.max.abs()).max_element().max(all.diagonal().max_element());
-        let padding = reach * 2e-6 + f32::MIN_POSITIVE;
-        let boxes: Vec<Aabb> = facets
-            .iter()
-            .map(|f| {
-                let mut aabb = Aabb::empty();
-                for corner in f.corners {
-                    aabb.extend(corner.into());
-                }
-                aabb.min -= padding;
-                aabb.max += padding;
-                aabb
-            })
-            .collect();
-        let indices = (0..facets.len() as u32).collect();
-        let mut binary = PlocBuilder::with_capacity(facets.len()).build(
-            PlocSearchDistance::Low,
-            &boxes,
-            indices,
-            SortPrecision::U64,
-            2,
-        );
-        ReinsertionOptimizer::default().run(&mut binary, 0.15, None);
-        leaf_collapser::collapse(&mut binary, 8, 2.5);
-        let mut tree = Self { padding, level: Level::detect(), ..Self::default() };
-        tree.collapse(&binary, facets);
         tree
     }
 
