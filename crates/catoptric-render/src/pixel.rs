@@ -6,20 +6,20 @@ use glam::Vec3;
 
 use catoptric_light::irradiance::Scratch;
 use catoptric_light::{Lights, Receiver};
-use catoptric_scene::Rgb;
 use catoptric_scene::quantity::LUMINANCE;
+use catoptric_scene::{Rgb, Scene};
 use catoptric_solution::{Solution, Term};
 use catoptric_trace::sequence::Key;
 use catoptric_trace::walk::Arrival;
 use catoptric_trace::walk::split::{self, Sight, SplitParams};
-use catoptric_trace::{MediumStack, Ray};
+use catoptric_trace::{Hit, MediumStack, Ray};
 
 use crate::direct::SourceLight;
 use crate::layers::{LightLayer, LightLayers};
 use crate::lines::{self, Footprint};
 use crate::needs::DARK;
 
-/// What the eye sees first along a ray.
+/// What the eye sees first along a ray, for the data layers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstHit {
     /// Distance from the eye, metres; infinite for the sky.
@@ -30,14 +30,24 @@ pub struct FirstHit {
     pub albedo: Rgb,
     /// Surface id + 1, 0 for the sky.
     pub surface: u32,
-    /// Plane id + 1 where the surface is flat, a key of the surface where it is curved, 0 for the sky.
-    pub facet: u32,
 }
 
 impl FirstHit {
-    /// Nothing but sky.
-    pub const SKY: Self =
-        Self { depth: f32::INFINITY, normal: Vec3::ZERO, albedo: Rgb::ZERO, surface: 0, facet: 0 };
+    /// Looks it up. `None` is the sky.
+    pub fn of(scene: &Scene, hit: Option<&Hit>) -> Self {
+        let Some(hit) = hit else {
+            return Self { depth: f32::INFINITY, normal: Vec3::ZERO, albedo: Rgb::ZERO, surface: 0 };
+        };
+        let side = if hit.back { -1.0 } else { 1.0 };
+        let point = scene.surface_point(hit.triangle, hit.at);
+        let map = scene.material_of(hit.triangle).normal_texture;
+        Self {
+            depth: hit.t,
+            normal: scene.bent_normal(hit.triangle, hit.at, map) * side,
+            albedo: point.diffuse + point.mirror,
+            surface: scene.triangles()[hit.triangle.index()].surface.0 + 1,
+        }
+    }
 }
 
 /// One sample of a pixel, or the pixel that is made of some.
@@ -55,8 +65,8 @@ pub struct Sample {
     pub samples: u32,
     /// Sum of their squared luminances.
     pub squares: f32,
-    /// The first hit.
-    pub first: FirstHit,
+    /// The first hit; `None` for the sky.
+    pub first: Option<Hit>,
     /// Hash of what was met along all but the faintest branches: samples that differ in it straddle an edge.
     pub trail: u32,
 }
@@ -70,7 +80,7 @@ impl Sample {
         lines: 0.0,
         samples: 0,
         squares: 0.0,
-        first: FirstHit::SKY,
+        first: None,
         trail: 0,
     };
 
@@ -113,7 +123,7 @@ impl Eye<'_> {
         let mut light = LightLayers::default();
         let mut shadows = shadow_rays.map(|rays| Shadows::new(rays, key.child(SHADOWS)));
         let mut lines = 0.0;
-        let mut first = FirstHit::SKY;
+        let mut first = None;
         let mut trail = 0x811c_9dc5_u32;
         split::trace(
             tracer,
@@ -121,20 +131,7 @@ impl Eye<'_> {
             MediumStack::AIR,
             key,
             &self.params,
-            |hit| {
-                let smooth = scene.surface_of(hit.triangle).smooth;
-                let surface = scene.triangles()[hit.triangle.index()].surface.0;
-                let side = if hit.back { -1.0 } else { 1.0 };
-                let point = scene.surface_point(hit.triangle, hit.at);
-                let map = scene.material_of(hit.triangle).normal_texture;
-                first = FirstHit {
-                    depth: hit.t,
-                    normal: scene.bent_normal(hit.triangle, hit.at, map) * side,
-                    albedo: point.diffuse + point.mirror,
-                    surface: surface + 1,
-                    facet: if smooth { 1 << 31 | surface } else { tracer.planes().of(hit.triangle).0 + 1 },
-                };
-            },
+            |hit| first = Some(*hit),
             |sight| match sight {
                 Sight::Sky { direction, throughput, chain } => {
                     if throughput.max_element() > FAINT {

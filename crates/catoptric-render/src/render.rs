@@ -14,7 +14,7 @@ use catoptric_image::Image;
 use catoptric_light::irradiance::Scratch;
 use catoptric_light::{LightParams, Lights};
 use catoptric_scene::quantity::LUMINANCE;
-use catoptric_scene::{Camera, Cancelled, Progress, Rgb};
+use catoptric_scene::{Camera, Cancelled, Progress, Rgb, Scene};
 use catoptric_solution::{Quality, Solution};
 use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose};
@@ -24,7 +24,7 @@ use crate::direct::{DirectLight, ShadowRays};
 use crate::layers::{LightLayers, NAMES};
 use crate::lines::{Footprint, LAYER as LINES};
 use crate::needs::{Need, mean_luminance, needs};
-use crate::pixel::{Eye, Sample};
+use crate::pixel::{Eye, FirstHit, Sample};
 
 /// Parameters of pass two.
 #[derive(Clone, Debug, PartialEq)]
@@ -168,7 +168,7 @@ pub fn render(
         refined_pixels: edges + penumbra_pixels,
         penumbra_pixels,
     };
-    Ok(Rendered { image: image(&pixels, params), report })
+    Ok(Rendered { image: image(tracer.scene(), &pixels, params), report })
 }
 
 /// Pixels in one parallel job. A row is too long: where a horizon lies between mirrors, it takes as long as the rest.
@@ -286,7 +286,7 @@ fn again(params: &RenderParams, (x, y): (usize, usize)) -> Key {
 }
 
 /// Puts the layers into an image.
-fn image(pixels: &[Sample], params: &RenderParams) -> Image {
+fn image(scene: &Scene, pixels: &[Sample], params: &RenderParams) -> Image {
     let mut image = Image::new(params.width, params.height);
     let rgb = |value: &dyn Fn(&Sample) -> Rgb| -> Vec<[f32; 3]> {
         pixels.iter().map(|p| value(p).to_array()).collect()
@@ -296,12 +296,15 @@ fn image(pixels: &[Sample], params: &RenderParams) -> Image {
         for (index, name) in NAMES.iter().enumerate() {
             image.push_rgb_layer(name, &rgb(&|p| p.light.values[index]));
         }
-        image.push_rgb_layer("albedo", &rgb(&|p| p.first.albedo));
+        let hits: Vec<FirstHit> =
+            pixels.par_iter().with_min_len(1024).map(|p| FirstHit::of(scene, p.first.as_ref())).collect();
+        let albedo: Vec<[f32; 3]> = hits.iter().map(|hit| hit.albedo.to_array()).collect();
+        image.push_rgb_layer("albedo", &albedo);
         for (axis, name) in ["normal.X", "normal.Y", "normal.Z"].into_iter().enumerate() {
-            image.push_channel(name, pixels.iter().map(|p| p.first.normal[axis]).collect());
+            image.push_channel(name, hits.iter().map(|hit| hit.normal[axis]).collect());
         }
-        image.push_channel("depth.Z", pixels.iter().map(|p| p.first.depth).collect());
-        image.push_channel("id.surface", pixels.iter().map(|p| p.first.surface as f32).collect());
+        image.push_channel("depth.Z", hits.iter().map(|hit| hit.depth).collect());
+        image.push_channel("id.surface", hits.iter().map(|hit| hit.surface as f32).collect());
     }
     if params.mesh {
         image.push_channel(LINES, pixels.iter().map(|p| p.lines.min(1.0)).collect());
