@@ -3,7 +3,7 @@
 //! `cargo run --profile fast -p catoptric-tests --example quick -- SCENE.glb OUT.exr [sketch|draft|standard|high] [layers]`
 //!
 //! Variables of the environment replace budgets of pass one: `BASE`, `ROWS`, `GATHER`, `VERT`, `TOL`, `BLUR`, `MAXV`, `SHADOW`,
-//! `NEAR`, `DETAIL`, `DROUNDS`, `ROUNDS`, `SMOOTH`, `POINTS`, `FITP`, `FITR`, `LIGHT` and `SEED` (see [`SolveParams`]), `NOISE` and `EDGE` (see [`RenderParams`]).
+//! `NEAR`, `DETAIL`, `DROUNDS`, `ROUNDS`, `SMOOTH`, `POINTS`, `FITP`, `FITR`, `LIGHT` and `SEED` (see [`SolveParams`]), `NOISE`, `EDGE` and `MOST` (see [`RenderParams`]).
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -69,6 +69,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let view = RenderParams::for_quality(quality, width, camera.height_for_width(width));
     let mut view = RenderParams { layers, ..view };
     view.noise = std::env::var("NOISE").ok().and_then(|v| v.parse().ok()).unwrap_or(view.noise);
+    view.most_samples = std::env::var("MOST").ok().and_then(|v| v.parse().ok()).unwrap_or(view.most_samples);
     view.edge_samples = std::env::var("EDGE").ok().and_then(|v| v.parse().ok()).unwrap_or(view.edge_samples);
     let rendered = render(&tracer, &solved.solution, camera, &view, &progress).map_err(|_| "stopped")?;
     progress.begin("write", 1);

@@ -63,7 +63,7 @@ impl RenderParams {
         // At 5e-4 the pixels of a furnace with glass stay within 1e-3; at 2e-3 one in forty does not.
         let (edge_samples, most_samples, noise, roulette_below) = match quality {
             Quality::Sketch => (4, 4, 0.03, 5e-3),
-            Quality::Draft => (4, 16, 0.03, 2e-3),
+            Quality::Draft => (4, 64, 0.03, 2e-3),
             Quality::Standard => (4, 64, 0.03, 5e-4),
             Quality::High => (16, 256, 0.015, 5e-4),
         };

@@ -27,6 +27,8 @@ pub(super) struct Emission<'a> {
     walk: WalkParams,
     targets: Vec<Target>,
     sources: Vec<Source>,
+    /// Per source: power that each target gets, about.
+    importance: Vec<Vec<f32>>,
     choice: Table,
     /// Per source: choice of a target.
     tables: Vec<Table>,
@@ -79,28 +81,22 @@ impl<'a> Emission<'a> {
             walk,
             targets,
             sources,
+            importance: Vec::new(),
             choice: Table::default(),
             tables: Vec::new(),
         };
+        let of = |source: &Source| emission.targets.iter().map(|t| source.importance(lights, t)).collect();
+        emission.importance = emission.sources.par_iter().map(of).collect();
         emission.weigh(|_| 1.0);
         (emission.choice.total > 0.0).then_some(emission)
     }
 
     /// Sets the probabilities from the importance of each pair, times a factor of the target.
     fn weigh(&mut self, factor: impl Fn(usize) -> f32 + Sync) {
-        let (lights, targets) = (self.lights, &self.targets);
-        self.tables = self
-            .sources
-            .par_iter()
-            .map(|source| {
-                let weights: Vec<f32> = targets
-                    .iter()
-                    .enumerate()
-                    .map(|(index, target)| source.importance(lights, target) * factor(index))
-                    .collect();
-                Table::new(weights.iter().copied())
-            })
-            .collect();
+        let table = |importance: &Vec<f32>| {
+            Table::new(importance.iter().enumerate().map(|(index, power)| power * factor(index)))
+        };
+        self.tables = self.importance.par_iter().map(table).collect();
         self.choice = Table::new(self.tables.iter().map(|t| t.total as f32));
     }
 
