@@ -70,15 +70,21 @@ pub struct SolveParams {
 impl SolveParams {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality) -> Self {
-        let (base_triangles, row_rays, vertex_rays, gather_rays, near_rounds, detail_rounds) = match quality {
-            Quality::Sketch => (200, 32, 48, 48, 0, 0),
-            Quality::Draft => (700, 32, 96, 48, 1, 2),
-            Quality::Standard => (1_400, 32, 128, 64, 1, 4),
-            Quality::High => (3_500, 64, 192, 128, 2, 5),
+        let (base_triangles, row_rays, vertex_rays, gather_rays) = match quality {
+            Quality::Sketch => (200, 32, 48, 48),
+            Quality::Draft => (1_000, 32, 96, 64),
+            Quality::Standard => (1_400, 32, 128, 64),
+            Quality::High => (3_500, 64, 192, 128),
+        };
+        let (near_rounds, detail_rounds, detail_share) = match quality {
+            Quality::Sketch => (0, 0, 0.0),
+            Quality::Draft => (1, 2, 0.2),
+            Quality::Standard => (1, 4, 0.7),
+            Quality::High => (2, 5, 0.7),
         };
         let (max_vertices, tolerance, blur, shadow_rays, inside_rounds) = match quality {
             Quality::Sketch => (4_000, 0.1, 0.06, 8, 0),
-            Quality::Draft => (5_000, 0.06, 0.06, 16, 0),
+            Quality::Draft => (8_000, 0.06, 0.06, 16, 0),
             Quality::Standard => (10_000, 0.02, 0.03, 32, 1),
             Quality::High => (30_000, 0.008, 0.015, 64, 2),
         };
@@ -110,7 +116,7 @@ impl SolveParams {
                 ratio: 1.2,
                 rounds: near_rounds,
                 detail_rounds,
-                detail_share: 0.7,
+                detail_share,
                 max_details: DETAILS_PER_TRIANGLE * base_triangles,
             },
             gather_fit: FitParams { prior: 0.45, smoothing: 0.06, balance: 1.0, ..FitParams::default() },
