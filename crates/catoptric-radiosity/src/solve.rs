@@ -71,7 +71,7 @@ impl SolveParams {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality) -> Self {
         let (base_triangles, row_rays, vertex_rays, gather_rays) = match quality {
-            Quality::Sketch => (200, 32, 48, 48),
+            Quality::Sketch => (200, 32, 32, 32),
             Quality::Draft => (1_000, 32, 96, 64),
             Quality::Standard => (1_400, 32, 128, 64),
             Quality::High => (3_500, 64, 192, 128),

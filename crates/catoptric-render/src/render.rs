@@ -122,18 +122,26 @@ pub fn render(
 
     // One ray through the centre of every pixel.
     progress.begin("image", ((1 + counts.len()) * (width * height).div_ceil(JOB)) as u64);
-    let mut pixels = Vec::with_capacity(width * height);
-    for _ in 0..height {
-        // Gigabytes, where the picture is large.
-        if progress.is_cancelled() {
-            return Err(Cancelled);
-        }
-        pixels.resize(pixels.len() + width, Sample::NOTHING);
+    let mut pixels: Vec<Sample> = (0..width * height)
+        .into_par_iter()
+        .with_min_len(JOB)
+        .with_max_len(JOB)
+        .map_init(Scratch::default, |scratch, index| {
+            if index % JOB == 0 {
+                progress.advance(1);
+            }
+            // The rest then takes no time.
+            if progress.is_cancelled() {
+                return Sample::NOTHING;
+            }
+            let key = Key::new(params.seed, Purpose::Pixel, index as u64);
+            let at = (index % width, index / width);
+            shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 0), key, scratch)
+        })
+        .collect();
+    if progress.is_cancelled() {
+        return Err(Cancelled);
     }
-    for_pixels(&mut pixels, width, progress, |at, pixel, scratch| {
-        let key = Key::new(params.seed, Purpose::Pixel, (at.1 * width + at.0) as u64);
-        *pixel = shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 0), key, scratch);
-    })?;
 
     // Pixels beside an edge are made of new samples.
     let strong = counts[1.min(counts.len() - 1)];

@@ -12,8 +12,9 @@ use rayon::prelude::*;
 use crate::{Channel, Image, ImageError};
 
 const LINES_PER_BLOCK: usize = 16;
-/// The compression level the OpenEXR library uses.
-const ZIP_LEVEL: u32 = 4;
+/// Level 4, which the OpenEXR library uses, takes more than twice as long for files 2 to 4 % smaller (pictures of cornell_box and, with
+/// layers, interior).
+const ZIP_LEVEL: u32 = 1;
 const FLOAT: u32 = 2;
 const ZIP16: u8 = 3;
 
