@@ -282,9 +282,12 @@ impl System {
         let mut energy = dot(&residual, &direction);
         let goal = dot(right, &scaled(right)) * (params.tolerance * params.tolerance);
         for _ in 0..params.max_steps {
+            if energy <= goal {
+                break;
+            }
             apply(&direction, &mut product);
             let curvature = dot(&direction, &product);
-            if energy <= goal || curvature <= 0.0 {
+            if curvature <= 0.0 {
                 break;
             }
             let step = (energy / curvature) as f32;

@@ -115,7 +115,7 @@ pub fn render(
     let lights = Lights::new(tracer, params.light);
     let eye = Eye { lights: &lights, solution, params: params.walk };
     let (width, height) = (params.width, params.height);
-    let mut counts = vec![params.edge_samples.clamp(1, params.most_samples)];
+    let mut counts = vec![params.edge_samples.clamp(1, params.most_samples.max(1))];
     while let Some(&count) = counts.last().filter(|&&count| count < params.most_samples) {
         counts.push(count.saturating_mul(MORE).min(params.most_samples));
     }
@@ -318,4 +318,83 @@ fn image(scene: &Scene, pixels: &[Sample], params: &RenderParams) -> Image {
         image.push_channel(LINES, pixels.iter().map(|p| p.lines.min(1.0)).collect());
     }
     image
+}
+
+#[cfg(test)]
+mod tests {
+    use catoptric_scene::{Material, Projection, Radiance, SceneParts, Silent};
+    use glam::{Affine3A, Vec3};
+
+    use super::*;
+
+    /// A pixel made of samples with these luminances.
+    fn pixel(luminances: &[f32]) -> Sample {
+        let mut pixel = Sample { samples: luminances.len() as u32, ..Sample::NOTHING };
+        pixel.squares = luminances.iter().map(|l| l * l).sum();
+        pixel.light.values[0] = Rgb::splat(luminances.iter().sum::<f32>() / luminances.len() as f32);
+        pixel
+    }
+
+    #[test]
+    fn the_deviation_of_samples_is_relative_to_what_is_seen() {
+        // Mean 1, variance (0 + 0 + 0 + 16 − 4·1²) / 3 = 4; a tenth of the mean of the picture is added to the light.
+        assert!((pixel(&[0.0, 0.0, 0.0, 4.0]).deviation(2.0) - 2.0 / 1.2).abs() < 1e-6);
+        assert_eq!(pixel(&[3.0; 4]).deviation(1.0), 0.0);
+        assert_eq!(Sample::NOTHING.deviation(1.0), 0.0);
+    }
+
+    #[test]
+    fn pixels_get_more_samples_for_the_noise_beside_them_and_not_for_their_own() {
+        let (calm, noisy) = (pixel(&[1.0; 4]), pixel(&[0.0, 0.0, 2.0, 2.0]));
+        let mut pixels = vec![calm, noisy, calm, calm, calm];
+        pixels[2].samples = 16;
+        // The deviation of the noisy one is 1.05: more than 4 samples are worth at 0.25, less than at 0.3.
+        assert_eq!(beside_noise(&pixels, 5, 4, 0.25, 1.0), [true, false, false, false, false]);
+        assert_eq!(beside_noise(&pixels, 5, 4, 0.3, 1.0), [false; 5]);
+    }
+
+    /// A slanted lamp on black, and a wall of nearly the same brightness behind it.
+    fn slanted_lamp(behind: f32) -> Scene {
+        let mut parts = SceneParts::default();
+        let glowing = |strength: f32| Material::emitter("glowing", Radiance(Rgb::splat(strength)));
+        let lamp = parts.add_material(glowing(1.0));
+        let turned = |x: f32, y: f32| Vec3::new(0.96 * x - 0.28 * y, 0.28 * x + 0.96 * y, 0.0);
+        parts.add_quad("lamp", lamp, turned(-0.5, -0.5), turned(1.0, 0.0), turned(0.0, 1.0));
+        if behind > 0.0 {
+            let wall = parts.add_material(glowing(behind));
+            let corner = Vec3::new(-2.0, -2.0, -1.0);
+            parts.add_quad("wall", wall, corner, Vec3::X * 4.0, Vec3::Y * 4.0);
+        }
+        Scene::new(parts).expect("a valid scene")
+    }
+
+    /// Mean of a picture of it, 2 m wide, and the eye rays.
+    fn picture(scene: &Scene, params: &RenderParams) -> (f64, u64) {
+        let camera = Camera {
+            name: "eye".to_owned(),
+            world_from_camera: Affine3A::from_translation(Vec3::Z),
+            projection: Projection::Orthographic { xmag: 1.0, ymag: 1.0 },
+            aspect: None,
+            near: 0.0,
+        };
+        let tracer = Tracer::new(scene);
+        let rendered = render(&tracer, &Solution::default(), &camera, params, &Silent).expect("not stopped");
+        let samples = rendered.image.channel("G").expect("a picture");
+        let mean = samples.iter().map(|v| f64::from(*v)).sum::<f64>() / samples.len() as f64;
+        (mean, rendered.report.samples)
+    }
+
+    #[test]
+    fn strong_edges_are_smooth_and_faint_ones_cost_little() {
+        let (strong, faint) = (slanted_lamp(0.0), slanted_lamp(0.97));
+        for quality in [Quality::Draft, Quality::Standard, Quality::High] {
+            let params = RenderParams::for_quality(quality, 64, 64);
+            let (mean, many) = picture(&strong, &params);
+            let (_, few) = picture(&faint, &params);
+            // The lamp covers a quarter of the picture, 1024 pixels, and its border about 128. Samples deviate by half of the
+            // light at most, means of 16 by an eighth, the sum of 128 by 1.4: three times that are 4.2e-3 of 1024.
+            assert!((mean / 0.25 - 1.0).abs() < 4.2e-3, "{quality:?}: {mean}");
+            assert!(few < many, "{quality:?}: {few} of {many}");
+        }
+    }
 }
