@@ -122,25 +122,27 @@ pub fn render(
 
     // One ray through the centre of every pixel.
     progress.begin("image", ((1 + counts.len()) * (width * height).div_ceil(JOB)) as u64);
-    let mut pixels: Vec<Sample> = (0..width * height)
-        .into_par_iter()
-        .with_min_len(JOB)
-        .with_max_len(JOB)
-        .map_init(Scratch::default, |scratch, index| {
-            if index % JOB == 0 {
-                progress.advance(1);
-            }
-            // The rest then takes no time.
-            if progress.is_cancelled() {
-                return Sample::NOTHING;
-            }
-            let key = Key::new(params.seed, Purpose::Pixel, index as u64);
-            let at = (index % width, index / width);
-            shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 0), key, scratch)
-        })
-        .collect();
-    if progress.is_cancelled() {
-        return Err(Cancelled);
+    let mut pixels: Vec<Sample> = Vec::with_capacity(width * height);
+    while pixels.len() < width * height {
+        let band = pixels.len()..(pixels.len() + BAND).min(width * height);
+        let first = band.into_par_iter().with_min_len(JOB).with_max_len(JOB).map_init(
+            Scratch::default,
+            |scratch, index| {
+                if index % JOB == 0 {
+                    progress.advance(1);
+                }
+                if progress.is_cancelled() {
+                    return Sample::NOTHING;
+                }
+                let key = Key::new(params.seed, Purpose::Pixel, index as u64);
+                let at = (index % width, index / width);
+                shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 0), key, scratch)
+            },
+        );
+        pixels.par_extend(first);
+        if progress.is_cancelled() {
+            return Err(Cancelled);
+        }
     }
 
     // Pixels beside an edge are made of new samples.
@@ -181,6 +183,8 @@ pub fn render(
 
 /// Pixels in one parallel job. A row is too long: where a horizon lies between mirrors, it takes as long as the rest.
 const JOB: usize = 32;
+/// Pixels that get their first ray before somebody may stop it: those of a large picture take gigabytes.
+const BAND: usize = 1 << 18;
 
 /// Works on every pixel, in parallel.
 fn for_pixels(
