@@ -132,10 +132,11 @@ def number(text, after):
 # ------------------------------------------------------------------------------------------------------------------ fit
 
 def slope(rows, value):
-    """of the logarithms by least squares over the upper half of the range, where constants matter less"""
-    upper = [(math.log(r['n']), math.log(max(value(r), 1e-6))) for r in rows if r['n'] ** 2 >= rows[0]['n'] * rows[-1]['n'] * 0.99]
-    if len(upper) < 2:
+    """of the logarithms by least squares over the upper half of the range, where constants matter less; over the last two runs at least"""
+    if len(rows) < 2:
         return math.nan
+    half = [r for r in rows if r['n'] ** 2 >= rows[0]['n'] * rows[-1]['n'] * 0.99]
+    upper = [(math.log(r['n']), math.log(max(value(r), 1e-6))) for r in (half if len(half) > 1 else rows[-2:])]
     x, y = (sum(p[i] for p in upper) / len(upper) for i in (0, 1))
     return sum((p - x) * (q - y) for p, q in upper) / sum((p - x) ** 2 for p, _ in upper)
 
