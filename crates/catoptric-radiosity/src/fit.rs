@@ -66,7 +66,8 @@ pub fn fit(
     params: &FitParams,
 ) -> Vec<Rgb> {
     let parts = Parts::new(mesh);
-    let mut x = least_squares(mesh, &parts, samples, values, prior, trust, params);
+    let problem = Problem { mesh, samples, values, prior, trust };
+    let mut x = problem.least_squares(&parts, params);
     if params.balance > 0.0 {
         let left: Vec<Rgb> = samples
             .iter()
@@ -83,8 +84,8 @@ pub fn fit(
             ..*params
         };
         let nothing = vec![Rgb::ZERO; x.len()];
-        let more = least_squares(mesh, &parts, samples, &left, &nothing, trust, &wide);
-        for (x, more) in x.iter_mut().zip(more) {
+        let balance = Problem { values: &left, prior: &nothing, ..problem };
+        for (x, more) in x.iter_mut().zip(balance.least_squares(&parts, &wide)) {
             *x += more;
         }
     }
@@ -92,32 +93,39 @@ pub fn fit(
     x
 }
 
-/// The minimum, which may be below zero.
-fn least_squares(
-    mesh: &DisplayMesh,
-    parts: &Parts,
-    samples: &[FitSample],
-    values: &[Rgb],
-    prior: &[Rgb],
-    trust: &[f32],
-    params: &FitParams,
-) -> Vec<Rgb> {
-    let normal = Normal::new(mesh, samples, values, prior, trust, params);
-    let found: Vec<Vec<Rgb>> = parts
-        .jobs
-        .par_windows(2)
-        .with_max_len(1)
-        .map(|job| {
-            let mut system = System::new(mesh, parts, job[0]..job[1], &normal, prior);
-            (job[0]..job[1]).for_each(|part| system.solve(parts, part, params));
-            system.x
-        })
-        .collect();
-    let mut x = vec![Rgb::ZERO; prior.len()];
-    for (&v, value) in parts.vertices.iter().zip(found.into_iter().flatten()) {
-        x[v as usize] = value;
+/// What is fitted.
+#[derive(Clone, Copy)]
+struct Problem<'a> {
+    mesh: &'a DisplayMesh,
+    samples: &'a [FitSample],
+    /// Per sample.
+    values: &'a [Rgb],
+    /// Per vertex.
+    prior: &'a [Rgb],
+    /// Per vertex.
+    trust: &'a [f32],
+}
+
+impl Problem<'_> {
+    /// The minimum, which may be below zero.
+    fn least_squares(&self, parts: &Parts, params: &FitParams) -> Vec<Rgb> {
+        let normal = Normal::new(self, params);
+        let found: Vec<Vec<Rgb>> = parts
+            .jobs
+            .par_windows(2)
+            .with_max_len(1)
+            .map(|job| {
+                let mut system = System::new(self, parts, job[0]..job[1], &normal);
+                (job[0]..job[1]).for_each(|part| system.solve(parts, part, params));
+                system.x
+            })
+            .collect();
+        let mut x = vec![Rgb::ZERO; self.prior.len()];
+        for (&v, value) in parts.vertices.iter().zip(found.into_iter().flatten()) {
+            x[v as usize] = value;
+        }
+        x
     }
-    x
 }
 
 /// Vertices of a job, at least: parts of a few are solved together.
@@ -155,17 +163,11 @@ impl Parts {
         for (index, &v) in vertices.iter().enumerate() {
             place[v as usize] = index as u32;
         }
-        let mut starts = Vec::with_capacity(count + 1);
-        let mut start = [0, 0];
-        for part in 0..=count as u32 {
-            starts.push(start);
-            start[0] +=
-                vertices[start[0] as usize..].iter().take_while(|v| part_of[**v as usize] == part).count()
-                    as u32;
-            start[1] +=
-                elements[start[1] as usize..].iter().take_while(|e| part_of_element(e) == part).count()
-                    as u32;
-        }
+        let start = |part: u32| {
+            let vertex = vertices.partition_point(|&v| part_of[v as usize] < part);
+            [vertex as u32, elements.partition_point(|e| part_of_element(e) < part) as u32]
+        };
+        let starts: Vec<[u32; 2]> = (0..=count as u32).map(start).collect();
         let mut jobs = vec![0];
         let mut first = 0;
         for (part, &[end, _]) in starts.iter().enumerate().skip(1) {
@@ -189,14 +191,8 @@ struct Normal {
 }
 
 impl Normal {
-    fn new(
-        mesh: &DisplayMesh,
-        samples: &[FitSample],
-        values: &[Rgb],
-        prior: &[Rgb],
-        trust: &[f32],
-        params: &FitParams,
-    ) -> Self {
+    fn new(problem: &Problem, params: &FitParams) -> Self {
+        let &Problem { mesh, samples, values, prior, trust } = problem;
         let mut diagonal = vec![0.0_f32; mesh.vertices.len()];
         for element in 0..mesh.elements.len() as u32 {
             let third = mesh.area(element) / 3.0;
@@ -239,7 +235,8 @@ struct System {
 }
 
 impl System {
-    fn new(mesh: &DisplayMesh, parts: &Parts, job: Range<usize>, normal: &Normal, prior: &[Rgb]) -> Self {
+    fn new(problem: &Problem, parts: &Parts, job: Range<usize>, normal: &Normal) -> Self {
+        let &Problem { mesh, prior, .. } = problem;
         let (first, end) = (parts.starts[job.start], parts.starts[job.end]);
         let vertices = &parts.vertices[first[0] as usize..end[0] as usize];
         let elements = &parts.elements[first[1] as usize..end[1] as usize];
@@ -281,13 +278,13 @@ impl System {
         let mut direction = scaled(&residual);
         let mut energy = dot(&residual, &direction);
         let goal = dot(right, &scaled(right)) * (params.tolerance * params.tolerance);
-        for _ in 0..params.max_steps {
-            if energy <= goal {
-                break;
-            }
+        let mut steps = 0;
+        // What is not a number is an end, too.
+        while energy > goal && steps < params.max_steps {
+            steps += 1;
             apply(&direction, &mut product);
             let curvature = dot(&direction, &product);
-            if curvature <= 0.0 {
+            if curvature.is_nan() || curvature <= 0.0 {
                 break;
             }
             let step = (energy / curvature) as f32;
@@ -491,6 +488,18 @@ mod tests {
         };
         let alone = fitted(&one, &samples(&one));
         assert_eq!(fitted(&mesh, &both)[..count as usize], alone);
+    }
+
+    /// A sample that is no number leaves its part of the mesh as the vertices found it.
+    #[test]
+    fn what_is_not_a_number_does_not_spread() {
+        let mesh = strip(4);
+        let samples = samples(&mesh);
+        let mut values = vec![Rgb::ONE; samples.len()];
+        values[3] = Rgb::splat(f32::NAN);
+        let (prior, trust) = (vec![Rgb::splat(2.0); mesh.vertices.len()], vec![1.0; mesh.vertices.len()]);
+        let params = FitParams { balance: 1.0, ..FitParams::default() };
+        assert_eq!(fit(&mesh, &samples, &values, &prior, &trust, &params), prior);
     }
 
     /// A bump that point samples at the vertices would overestimate keeps its integral.

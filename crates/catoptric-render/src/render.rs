@@ -1,7 +1,8 @@
 //! Pass two from end to end: samples, anti-aliasing, layers.
 //!
-//! Anti-aliasing is adaptive and unbiased: which pixels get more samples is decided by other samples than those that
-//! they are made of. A first ray through each pixel's centre leaves a trail of what it met; pixels whose trail differs
+//! Anti-aliasing is adaptive: which pixels get more samples is decided by other samples than those that they are made of, or what is
+//! bright and missed would stay so. (A neighbour's second look may depend on a pixel's own first: by measurement, 1e-5 of a picture's light.)
+//! A first ray through each pixel's centre leaves a trail of what it met; pixels whose trail differs
 //! from a neighbour's, or whose radiance bends, are sampled again on a grid of their own, and the first ray is not used.
 //! As long as their neighbours turn out noisy, they are sampled more.
 //! Pixels in or beside a penumbra that shadow rays found are sampled again through the centre, by more of them.
@@ -372,8 +373,8 @@ mod tests {
         Scene::new(parts).expect("a valid scene")
     }
 
-    /// Mean of a picture of it, 2 m wide, and the eye rays.
-    fn picture(scene: &Scene, params: &RenderParams) -> (f64, u64) {
+    /// Mean of a picture of it, 2 m wide, and what was done.
+    fn picture(scene: &Scene, params: &RenderParams) -> (f64, RenderReport) {
         let camera = Camera {
             name: "eye".to_owned(),
             world_from_camera: Affine3A::from_translation(Vec3::Z),
@@ -385,7 +386,7 @@ mod tests {
         let rendered = render(&tracer, &Solution::default(), &camera, params, &Silent).expect("not stopped");
         let samples = rendered.image.channel("G").expect("a picture");
         let mean = samples.iter().map(|v| f64::from(*v)).sum::<f64>() / samples.len() as f64;
-        (mean, rendered.report.samples)
+        (mean, rendered.report)
     }
 
     #[test]
@@ -398,7 +399,10 @@ mod tests {
             // The lamp covers a quarter of the picture, 1024 pixels, and its border about 128. Samples deviate by half of the
             // light at most, means of 16 by an eighth, the sum of 128 by 1.4: three times that are 4.2e-3 of 1024.
             assert!((mean / 0.25 - 1.0).abs() < 4.2e-3, "{quality:?}: {mean}");
-            assert!(few < many, "{quality:?}: {few} of {many}");
+            // Behind the faint edge nothing calls for more than the least: its samples deviate by 1.5 % at most.
+            assert!(few.refined_pixels > 100, "{quality:?}: {few:?}");
+            assert_eq!(few.samples, 64 * 64 + few.refined_pixels * u64::from(params.edge_samples));
+            assert!(many.samples > 64 * 64 + many.refined_pixels * u64::from(params.edge_samples));
         }
     }
 }
