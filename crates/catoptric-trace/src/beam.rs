@@ -9,8 +9,9 @@ use std::ops::Range;
 use glam::{DVec2, DVec3, Vec3, Vec4};
 
 use crate::eight::{Eight, at_level};
+use crate::packet::Packet;
 use crate::plane::{Plane, PlaneId};
-use crate::tree::{LEAF, Node, Packet, Tree, leaf};
+use crate::tree::{LEAF, Node, Tree, leaf};
 
 /// Corners of a base, at most.
 const MAX_CORNERS: usize = 6;

@@ -10,8 +10,9 @@ use crate::beam::{Pyramid, Suspects};
 use crate::eight::Level;
 use crate::fresnel::{self, DiffuseFresnel};
 use crate::medium::Media;
+use crate::packet::{CUT_OUT, Facet, Nearest, Occlusion, PASSES, Probe, TRANSMITS};
 use crate::plane::{PlaneId, Planes};
-use crate::tree::{Boxes, CUT_OUT, Facet, Nearest, Occlusion, PASSES, Probe, TRANSMITS, Tree};
+use crate::tree::{Boxes, Tree};
 
 /// A ray. Everything in the plane `from` is ignored, exactly: no offsets.
 #[derive(Clone, Copy, Debug)]

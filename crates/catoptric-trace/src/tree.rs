@@ -6,33 +6,17 @@
 //! * its boxes and triangle tests are not watertight: boxes are padded here and the test is Woop, Benthin & Wald's;
 //! * its wide tree drops hits nearer than an absolute 1e-4: the traversal here has no near limit of its own.
 //!
-//! Slabs go by eight (see [`crate::eight`]), triangles by four in `glam::Vec4`, which is SSE2 on x86-64 and scalar
-//! elsewhere with the same bits.
+//! Slabs go by eight (see [`crate::eight`]), triangles by four (see [`crate::packet`]).
 
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::{Bvh2, leaf_collapser, reinsertion::ReinsertionOptimizer};
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 use crate::beam::Suspects;
 use crate::eight::{Eight, Level, Plain, Row, at_level};
+use crate::packet::{CUT_OUT, Facet, Nearest, Occlusion, Packet, Probe, TRANSMITS};
 use crate::plane::PlaneId;
-
-/// What a triangle can do to a ray besides blocking it.
-pub(crate) const CUT_OUT: u8 = 1;
-/// Lets light pass undeviated (pane or blended alpha).
-pub(crate) const PASSES: u8 = 2;
-/// Lets light pass at all, refracted or not.
-pub(crate) const TRANSMITS: u8 = 4;
-
-/// One triangle for the tree.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Facet {
-    pub(crate) corners: [Vec3; 3],
-    pub(crate) id: u32,
-    pub(crate) plane: PlaneId,
-    pub(crate) flags: u8,
-}
 
 /// Children of a node.
 const WIDTH: usize = 8;
@@ -56,15 +40,6 @@ const COUNT_BITS: u32 = 4;
 pub(crate) fn leaf(child: u32) -> std::ops::Range<usize> {
     let first = ((child & !LEAF) >> COUNT_BITS) as usize;
     first..first + (child & ((1 << COUNT_BITS) - 1)) as usize
-}
-
-/// Four triangles side by side.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Packet {
-    pub(crate) corners: [[Vec4; 3]; 3],
-    pub(crate) ids: [u32; 4],
-    pub(crate) planes: [u32; 4],
-    flags: [u8; 4],
 }
 
 /// The tree.
@@ -119,64 +94,6 @@ impl Boxes {
         ReinsertionOptimizer::default().run(&mut binary, 0.15, None);
         leaf_collapser::collapse(&mut binary, 8, 2.5);
         Self { binary, padding }
-    }
-}
-
-/// What a ray brings to the traversal.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Probe {
-    origin: Vec3,
-    inverse: Vec3,
-    /// Rows of a node's bounds at which the ray enters and leaves.
-    near: [usize; 3],
-    far: [usize; 3],
-    /// Axis of the largest direction component, and the two others, ordered to keep the winding.
-    axes: [usize; 3],
-    shear: [f32; 3],
-    ignore: [u32; 2],
-}
-
-/// The nearest candidate so far.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Nearest {
-    pub(crate) t: f32,
-    pub(crate) id: u32,
-    pub(crate) u: f32,
-    pub(crate) v: f32,
-    pub(crate) back: bool,
-    pub(crate) plane: PlaneId,
-    pub(crate) flags: u8,
-}
-
-impl Probe {
-    #[inline]
-    pub(crate) fn new(origin: Vec3, direction: Vec3, ignore: [PlaneId; 2]) -> Self {
-        // A tiny component instead of zero keeps the slabs free of NaN; its box error is far below the padding.
-        let guard = |d: f32| if d.abs() < 1e-20 { 1e-20_f32.copysign(d) } else { d };
-        let inverse = Vec3::new(1.0 / guard(direction.x), 1.0 / guard(direction.y), 1.0 / guard(direction.z));
-        let absolute = direction.abs();
-        let z = if absolute.x > absolute.y {
-            if absolute.x > absolute.z { 0 } else { 2 }
-        } else if absolute.y > absolute.z {
-            1
-        } else {
-            2
-        };
-        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
-        if direction[z] < 0.0 {
-            std::mem::swap(&mut x, &mut y);
-        }
-        let shear = [direction[x] / direction[z], direction[y] / direction[z], 1.0 / direction[z]];
-        let side = |axis: usize, ahead: bool| if (inverse[axis] > 0.0) == ahead { axis + 3 } else { axis };
-        Self {
-            origin,
-            inverse,
-            near: [0, 1, 2].map(|axis| side(axis, false)),
-            far: [0, 1, 2].map(|axis| side(axis, true)),
-            axes: [x, y, z],
-            shear,
-            ignore: [ignore[0].0, ignore[1].0],
-        }
     }
 }
 
@@ -248,25 +165,9 @@ impl Tree {
     fn push_leaf(&mut self, primitives: &[u32], facets: &[Facet]) -> u32 {
         let first = self.packets.len() as u32;
         for chunk in primitives.chunks(4) {
-            let mut packet = Packet {
-                corners: [[Vec4::ZERO; 3]; 3],
-                ids: [u32::MAX; 4],
-                planes: [u32::MAX - 1; 4],
-                flags: [0; 4],
-            };
             // Lanes that are left repeat the first: without area they would ask for the exact edges every time.
-            for lane in 0..4 {
-                let facet = &facets[*chunk.get(lane).unwrap_or(&chunk[0]) as usize];
-                for corner in 0..3 {
-                    for axis in 0..3 {
-                        packet.corners[corner][axis][lane] = facet.corners[corner][axis];
-                    }
-                }
-                packet.ids[lane] = facet.id;
-                packet.planes[lane] = facet.plane.0;
-                packet.flags[lane] = facet.flags;
-            }
-            self.packets.push(packet);
+            let of_lane = |lane: usize| &facets[*chunk.get(lane).unwrap_or(&chunk[0]) as usize];
+            self.packets.push(Packet::of(std::array::from_fn(of_lane)));
         }
         let count = self.packets.len() as u32 - first;
         LEAF | first << COUNT_BITS | count
@@ -475,17 +376,6 @@ impl Tree {
     }
 }
 
-/// What lies on a segment, the worst last.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Occlusion {
-    /// Nothing.
-    Free,
-    /// What lets light pass undeviated.
-    Passing,
-    /// What lets nothing pass.
-    Blocked,
-}
-
 /// A ray among boxes, in registers.
 struct Slabs<'a, E: Eight> {
     eight: E,
@@ -526,106 +416,6 @@ impl<'a, E: Eight> Slabs<'a, E> {
         let exit = e.multiply(e.min(e.min(x.1, y.1), z.1), e.splat(1.000_000_5));
         let exit = e.min(exit, e.splat(limit));
         (entry, e.at_most(entry, exit))
-    }
-}
-
-/// Lanes of a packet that a ray meets.
-struct Candidates {
-    mask: u32,
-    t: Vec4,
-    u: Vec4,
-    v: Vec4,
-    back: u32,
-}
-
-impl Candidates {
-    #[inline]
-    fn hit(&self, lane: usize, packet: &Packet) -> Nearest {
-        Nearest {
-            t: self.t[lane],
-            id: packet.ids[lane],
-            u: self.u[lane],
-            v: self.v[lane],
-            back: self.back >> lane & 1 == 1,
-            plane: PlaneId(packet.planes[lane]),
-            flags: packet.flags[lane],
-        }
-    }
-}
-
-impl Packet {
-    /// What lies at t < `limit`.
-    #[inline(always)]
-    fn occlusion(&self, probe: &Probe, limit: f32, accept: impl Fn(&Nearest) -> bool) -> Occlusion {
-        let mut occlusion = Occlusion::Free;
-        let Some(candidates) = self.intersect(probe, limit) else { return occlusion };
-        let mut bits = candidates.mask;
-        while bits != 0 {
-            let lane = bits.trailing_zeros() as usize;
-            bits &= bits - 1;
-            if candidates.t[lane] >= limit || probe.ignore.contains(&self.planes[lane]) {
-                continue;
-            }
-            if self.flags[lane] & CUT_OUT != 0 && !accept(&candidates.hit(lane, self)) {
-                continue;
-            }
-            if self.flags[lane] & PASSES == 0 {
-                return Occlusion::Blocked;
-            }
-            occlusion = Occlusion::Passing;
-        }
-        occlusion
-    }
-
-    /// Watertight ray–triangle test (Woop, Benthin & Wald 2013, §3), four triangles at once: edge functions of the
-    /// sheared triangle; where one is exactly zero it is computed again in f64, so that neighbours always agree.
-    #[inline(always)]
-    fn intersect(&self, probe: &Probe, limit: f32) -> Option<Candidates> {
-        let [x, y, z] = probe.axes;
-        let (ox, oy, oz) =
-            (Vec4::splat(probe.origin[x]), Vec4::splat(probe.origin[y]), Vec4::splat(probe.origin[z]));
-        let (sx, sy, sz) = (Vec4::splat(probe.shear[0]), Vec4::splat(probe.shear[1]), probe.shear[2]);
-        let [a, b, c] = &self.corners;
-        let (az, bz, cz) = (a[z] - oz, b[z] - oz, c[z] - oz);
-        let (ax, ay) = (a[x] - ox - sx * az, a[y] - oy - sy * az);
-        let (bx, by) = (b[x] - ox - sx * bz, b[y] - oy - sy * bz);
-        let (cx, cy) = (c[x] - ox - sx * cz, c[y] - oy - sy * cz);
-        let mut u = cx * by - cy * bx;
-        let mut v = ax * cy - ay * cx;
-        let mut w = bx * ay - by * ax;
-
-        let zero = u.cmpeq(Vec4::ZERO) | v.cmpeq(Vec4::ZERO) | w.cmpeq(Vec4::ZERO);
-        if zero.any() {
-            for lane in 0..4 {
-                if zero.bitmask() >> lane & 1 == 1 {
-                    let edge = |px: f32, py: f32, qx: f32, qy: f32| {
-                        (f64::from(px) * f64::from(qy) - f64::from(py) * f64::from(qx)) as f32
-                    };
-                    u[lane] = edge(cx[lane], cy[lane], bx[lane], by[lane]);
-                    v[lane] = edge(ax[lane], ay[lane], cx[lane], cy[lane]);
-                    w[lane] = edge(bx[lane], by[lane], ax[lane], ay[lane]);
-                }
-            }
-        }
-
-        let zeros = Vec4::ZERO;
-        let positive = u.cmpge(zeros) & v.cmpge(zeros) & w.cmpge(zeros);
-        let negative = u.cmple(zeros) & v.cmple(zeros) & w.cmple(zeros);
-        let determinant = u + v + w;
-        let inside = (positive | negative) & determinant.cmpne(Vec4::ZERO);
-        if !inside.any() {
-            return None;
-        }
-        let scaled = (u * az + v * bz + w * cz) * sz;
-        let inverse = Vec4::ONE / determinant;
-        let t = scaled * inverse;
-        let mask = (inside & t.cmpgt(Vec4::ZERO) & t.cmple(Vec4::splat(limit))).bitmask();
-        if mask == 0 {
-            return None;
-        }
-        // The winding is kept by the order of the axes, so that a front face turns one way.
-        let back = determinant.cmplt(Vec4::ZERO).bitmask();
-        Some(Candidates { mask, t, u: v * inverse, v: w * inverse, back })
     }
 }
 
