@@ -16,7 +16,7 @@ pub(crate) enum Need {
     Shadows,
     /// An edge of little contrast calls for a few samples.
     FewSamples,
-    /// An edge calls for samples.
+    /// An edge of much contrast, or the rim of what is curved and specular, calls for samples.
     Samples,
 }
 
@@ -35,6 +35,7 @@ struct Look {
     /// The tone if nothing blocked shadow rays.
     open: Rgb,
     trail: u32,
+    curved: bool,
     penumbra: bool,
 }
 
@@ -59,7 +60,7 @@ pub(crate) fn needs(
             let beauty = p.light.beauty();
             let tone = shown(beauty);
             let open = if p.open == beauty { tone } else { shown(p.open) };
-            Look { tone, open, trail: p.trail, penumbra: p.penumbra }
+            Look { tone, open, trail: p.trail, curved: p.curved, penumbra: p.penumbra }
         })
         .collect();
     (0..width * height)
@@ -93,12 +94,34 @@ fn need(looks: &[Look], width: usize, height: usize, x: usize, y: usize, contras
         } else {
             difference > contrast
         };
-        if is_edge && difference > STRONG * contrast {
-            return Need::Samples;
-        }
         if is_edge || other.trail != own.trail {
+            // By few samples the dark of a rim, thinner than a pixel, is a dot here and there.
+            if is_edge && difference > STRONG * contrast || own.curved || other.curved {
+                return Need::Samples;
+            }
             need = Need::FewSamples;
         }
     }
     need
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two pixels of the same brightness that met other things.
+    fn beside(left: Sample, right: Sample) -> Vec<Need> {
+        needs(&[left, right], 2, 1, 0.05, 1.0)
+    }
+
+    #[test]
+    fn a_rim_is_sampled_as_an_edge_whatever_its_first_rays_met() {
+        let (one, two) = (Sample { trail: 1, ..Sample::NOTHING }, Sample { trail: 2, ..Sample::NOTHING });
+        assert_eq!(beside(one, one), [Need::Nothing; 2]);
+        assert_eq!(beside(one, two), [Need::FewSamples; 2]);
+        let curved = Sample { curved: true, ..two };
+        assert_eq!(beside(one, curved), [Need::Samples; 2]);
+        assert_eq!(beside(curved, one), [Need::Samples; 2]);
+        assert_eq!(beside(curved, curved), [Need::Nothing; 2]);
+    }
 }

@@ -69,6 +69,8 @@ pub struct Sample {
     pub first: Option<Hit>,
     /// Hash of what was met along all but the faintest branches: samples that differ in it straddle an edge.
     pub trail: u32,
+    /// Something curved that reflects or refracts was met there: its rim shows the whole room within a pixel.
+    pub curved: bool,
 }
 
 impl Sample {
@@ -82,6 +84,7 @@ impl Sample {
         squares: 0.0,
         first: None,
         trail: 0,
+        curved: false,
     };
 
     /// Standard deviation of the samples that a pixel is made of, relative to its displayed luminance where `exposure` is
@@ -124,7 +127,7 @@ impl Eye<'_> {
         let mut shadows = shadow_rays.map(|rays| Shadows::new(rays, key.child(SHADOWS)));
         let mut lines = 0.0;
         let mut first = None;
-        let mut trail = 0x811c_9dc5_u32;
+        let (mut trail, mut curved) = (0x811c_9dc5_u32, false);
         split::trace(
             tracer,
             Ray::free(origin, direction),
@@ -152,6 +155,7 @@ impl Eye<'_> {
                     };
                     if arrival.throughput.max_element() > FAINT {
                         trail = step(trail, facet, arrival.chain.len());
+                        curved |= smooth && scene.material_of(arrival.hit.triangle).may_be_specular();
                     }
                     self.see(&arrival, &mut light, &mut shadows, scratch);
                     if let Some(footprint) = footprint {
@@ -171,6 +175,7 @@ impl Eye<'_> {
             squares: 0.0,
             first,
             trail,
+            curved,
         }
     }
 
