@@ -382,9 +382,9 @@ class PathTracer:
                 square = dr.squared_norm(d)
                 d *= dr.rsqrt(square)
                 cos_light, wo = -dr.dot(normal, d), si.to_local(d)
-                ok = active & (cos_light > 1e-6) & (wo.z > 0)
+                ok = active & (cos_light > 1e-6) & (wo.z * si.wi.z > 0)       # either side of what has two
                 p_light = dr.gather(mi.Float, self.light_density, t) * square / cos_light
-                p_scatter = wo.z * dr.inv_pi
+                p_scatter = dr.abs(wo.z) * dr.inv_pi
                 weight = p_light / (dr.square(p_light) + dr.square(p_scatter))      # power heuristic / p_light
                 value = bsdf.eval(mi.BSDFContext(), si, wo, ok) * self.follow(si.spawn_ray(d), chain, target, ok)
                 total += dr.select(ok, value * dr.gather(mi.Color3f, self.light_radiance, t) * weight, 0)
@@ -396,7 +396,7 @@ class PathTracer:
                 d *= dr.rsqrt(square)
                 wo = si.to_local(d)
                 cone = dr.clip((-dr.dot(axis, d) - k['outer']) / (k['inner'] - k['outer']), 0, 1) if k['type'] == 'spot' else 1
-                ok = active & (wo.z > 0)
+                ok = active & (wo.z * si.wi.z > 0)
                 value = bsdf.eval(mi.BSDFContext(), si, wo, ok) * self.follow(si.spawn_ray(d), chain, target, ok)
                 total += dr.select(ok, value * mi.Color3f(k['intensity'].tolist()) * dr.square(mi.Float(cone)) / square, 0)
         return total

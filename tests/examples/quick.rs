@@ -102,6 +102,8 @@ fn budgets(quality: Quality) -> SolveParams {
     count("DROUNDS", &mut params.near.detail_rounds);
     count("ROUNDS", &mut params.near.rounds);
     share("SMOOTH", &mut params.gather_fit.smoothing);
+    share("BEND", &mut params.gather_fit.bending);
+    params.fit.bending = params.gather_fit.bending;
     share("POINTS", &mut params.gather_points);
     count("FITP", &mut params.fit_points);
     count("FITR", &mut params.fit_rays);

@@ -119,7 +119,7 @@ impl SolveParams {
                 detail_share,
                 max_details: DETAILS_PER_TRIANGLE * base_triangles,
             },
-            gather_fit: FitParams { prior: 0.45, smoothing: 0.06, balance: 1.0, ..FitParams::default() },
+            gather_fit: FitParams { prior: 0.45, smoothing: 0.01, balance: 1.0, ..FitParams::default() },
             solver: SolverParams::default(),
             coarse: CoarseParams::default(),
             reconstruction: None,

@@ -12,7 +12,7 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use crate::JOB;
 use crate::allocation::HIDDEN_TRUST;
 use crate::draft::{Displayed, Draft, drawn_inside};
-use crate::fit::{FitParams, FitSample, fit};
+use crate::fit::{FitMesh, FitParams, FitSample, fit};
 use crate::refine::{Field, mean};
 use crate::solve::SolveParams;
 
@@ -207,12 +207,13 @@ pub(crate) fn fit_sources(
     let fit_params = FitParams { smoothing: params.fit.smoothing * spacing, ..params.fit };
     let trust: Vec<f32> =
         displayed.origin.iter().map(|&v| if hidden[v as usize] { HIDDEN_TRUST } else { 1.0 }).collect();
+    let parts = FitMesh::new(mesh);
     let fitted = |values: &[Rgb], term: fn(&SourceLight) -> Rgb| {
         let prior: Vec<Rgb> = displayed.origin.iter().map(|&v| term(&sources[v as usize])).collect();
         if prior.iter().chain(values).all(|v| *v == Rgb::ZERO) {
             return prior;
         }
-        fit(mesh, &samples, values, &prior, &trust, &fit_params)
+        fit(&parts, &samples, values, &prior, &trust, &fit_params)
     };
     let (direct, mirrored) =
         rayon::join(|| fitted(&direct, |s| s.direct), || fitted(&mirrored, |s| s.mirrored));

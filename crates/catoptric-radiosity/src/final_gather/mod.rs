@@ -9,7 +9,7 @@ use catoptric_light::Lights;
 use catoptric_scene::{Cancelled, Progress, Rgb};
 
 use crate::draft::{Displayed, Draft};
-use crate::fit::{FitParams, FitSample, fit};
+use crate::fit::{FitMesh, FitParams, FitSample, fit};
 use crate::gather::{DiffuseLight, Gathered};
 use crate::patch::PatchMesh;
 use crate::rows::Row;
@@ -230,6 +230,7 @@ fn fit_terms(
     for &v in origin {
         terms[v as usize] = Some([Rgb::ZERO; 4]);
     }
+    let parts = FitMesh::new(mesh);
     for term in 0..4 {
         let value = |g: &Gathered| [g.direct, g.mirrored, g.caustic, g.indirect][term];
         let prior: Vec<Rgb> = vertices.gathered.iter().map(value).collect();
@@ -237,7 +238,8 @@ fn fit_terms(
         if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
             continue;
         }
-        for (&v, fitted) in origin.iter().zip(fit(mesh, samples, &values, &prior, &vertices.trust, params)) {
+        for (&v, fitted) in origin.iter().zip(fit(&parts, samples, &values, &prior, &vertices.trust, params))
+        {
             if let Some(terms) = &mut terms[v as usize] {
                 terms[term] = fitted;
             }
