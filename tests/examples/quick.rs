@@ -3,7 +3,7 @@
 //! `cargo run --profile fast -p catoptric-tests --example quick -- SCENE.glb OUT.exr [sketch|draft|standard|high] [layers]`
 //!
 //! Variables of the environment replace budgets of pass one: `BASE`, `ROWS`, `GATHER`, `VERT`, `TOL`, `BLUR`, `MAXV`, `SHADOW`,
-//! `NEAR`, `DETAIL`, `DROUNDS`, `ROUNDS`, `SMOOTH`, `POINTS`, `FITP`, `FITR`, `LIGHT` and `SEED` (see [`SolveParams`]), `NOISE`, `EDGE` and `MOST` (see [`RenderParams`]).
+//! `NEAR`, `DETAIL`, `DROUNDS`, `ROUNDS`, `SMOOTH`, `BEND`, `FITBEND`, `POINTS`, `FITP`, `FITR`, `LIGHT` and `SEED` (see [`SolveParams`]), `NOISE`, `EDGE` and `MOST` (see [`RenderParams`]).
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -103,7 +103,7 @@ fn budgets(quality: Quality) -> SolveParams {
     count("ROUNDS", &mut params.near.rounds);
     share("SMOOTH", &mut params.gather_fit.smoothing);
     share("BEND", &mut params.gather_fit.bending);
-    params.fit.bending = params.gather_fit.bending;
+    share("FITBEND", &mut params.fit.bending);
     share("POINTS", &mut params.gather_points);
     count("FITP", &mut params.fit_points);
     count("FITR", &mut params.fit_rays);

@@ -34,7 +34,8 @@ pub struct SolveParams {
     pub seed: u32,
     /// Base triangles that the diffuse surfaces are cut into, about.
     pub base_triangles: usize,
-    /// Refinement for the light of sources; its blur is a multiple of the base edge length.
+    /// Refinement for the light of sources; its blur is a multiple of the base edge length. Its vertices are those that it may add
+    /// to a mesh of up to twice as many; to larger ones, half as many as they have, up to four times this budget.
     pub sources: RefineParams,
     /// Shadow rays per vertex.
     pub shadow_rays: u32,
@@ -182,6 +183,8 @@ const SOURCE_CELL: f32 = 0.25;
 const GATHER_CELL: f32 = 0.125;
 /// Triangles that details may add, per triangle of the budget, at most.
 const DETAILS_PER_TRIANGLE: usize = 18;
+/// Most vertices that shadows may add in large scenes, as a multiple of the budget.
+const MAX_BUDGETS: usize = 4;
 /// Groups that share, per base triangle of the budget, at most.
 const SHARED_PER_TRIANGLE: usize = 14;
 
@@ -221,7 +224,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         inside_edge: INSIDE_EDGE * spacing,
         short_edge: SHORT_EDGE * spacing,
         blur: params.sources.blur * spacing,
-        max_vertices: params.sources.max_vertices + base_vertices,
+        max_vertices: base_vertices + vertex_budget(params.sources.max_vertices, base_vertices),
         ..params.sources
     };
     if lights.has_sources() || !tracer.scene().lights().is_empty() {
@@ -371,6 +374,11 @@ fn spacing(tracer: &Tracer, count: usize) -> f32 {
         .sum();
     // A right triangle with legs h has the area h²/2.
     ((2.0 * area / count.max(1) as f64).sqrt() as f32).max(f32::MIN_POSITIVE)
+}
+
+/// Vertices that shadows may add: `least`, more where many things cast shadows.
+fn vertex_budget(least: usize, base_vertices: usize) -> usize {
+    (base_vertices / 2).clamp(least, MAX_BUDGETS * least)
 }
 
 /// Mean irradiance of sources on each patch.
