@@ -4,7 +4,7 @@
 //! A membrane flattens gradients long before it removes noise; what resists bending leaves linear light alone. How much is
 //! noise the samples tell: from how far they lie from the fit follows the variance of the fitted light (White 1980), and from
 //! that how far noise alone would bend it. Bends beyond that are light, and their mean square is the variance that the
-//! smoothing spline of a random field takes as given (Wahba 1990, §1.3). Keys in docs/references.md: White1980, Wahba1990.
+//! smoothing spline of a random field takes as given (Wahba 1990). Keys in docs/references.md: White1980, Wahba1990.
 
 use rayon::prelude::*;
 
