@@ -269,3 +269,38 @@ fn few_samples_tell_whether_each_lamp_is_seen_evenly() {
     let even = look(Some((0.0, 0.3))).0;
     assert!(even <= 22, "{even} of 100");
 }
+
+/// Halves of the samples tell how noisy their mean is. Half of the lamp is hidden by a slanted edge. The halves of a stratified
+/// sequence are noisier than half a sample of chance would be: of `n` strata those that the edge crosses, √n, disagree, so that
+/// the variance goes with n^-1.5, and a quarter of the squared difference of independent halves is √2 times the variance of
+/// the mean; up to twice that where they balance each other.
+#[test]
+fn halves_of_the_samples_tell_their_noise() {
+    let mut parts = SceneParts::default();
+    let (glow, plate) = (glowing(&mut parts), white(&mut parts));
+    parts.add_quad("lamp", glow, Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z);
+    parts.add_quad("plate", plate, Vec3::new(0.0, 1.0, -1.0), Vec3::X * 2.0, Vec3::new(0.2, 0.0, 2.0));
+    parts.add_quad("scrap", plate, Vec3::Y * -50.0, Vec3::Z, Vec3::X);
+    let scene = Scene::new(parts).expect("a valid scene");
+    let tracer = Tracer::new(&scene);
+    let lights = Lights::new(&tracer, LightParams::default());
+    let receiver = receiver(&tracer, Vec3::ZERO, Vec3::Y);
+    let (mut scratch, runs) = (Scratch::default(), 1000);
+    let (mut mean, mut squares, mut told) = (0.0_f64, 0.0_f64, 0.0_f64);
+    for k in 0..runs {
+        let found = lights.direct(&receiver, 32, Key::new(k, Purpose::Test, 0), &mut scratch);
+        let irradiance = f64::from(found.irradiance.x);
+        assert!(
+            found.irradiance.x > 0.1 * found.unoccluded.x && found.irradiance.x < 0.9 * found.unoccluded.x
+        );
+        mean += irradiance / f64::from(runs);
+        squares += irradiance * irradiance / f64::from(runs);
+        told += 0.25 * f64::from(found.split.x).powi(2) / f64::from(runs);
+    }
+    let ratio = told / (squares - mean * mean);
+    // Of a thousand squares, each estimate is sure to 5 %.
+    assert!((0.9..3.2).contains(&ratio), "{ratio}");
+    // What is wholly seen has no noise.
+    let free = Receiver { position: Vec3::new(-3.0, 0.0, 0.0), ..receiver };
+    assert_eq!(lights.direct(&free, 32, Key::new(0, Purpose::Test, 0), &mut scratch).split, Rgb::ZERO);
+}

@@ -238,6 +238,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
             direct: sum.direct + light.direct * weight,
             mirrored: sum.mirrored + light.mirrored * weight,
             punctual: sum.punctual + light.punctual * weight,
+            noise: [0, 1].map(|k| sum.noise[k] + light.noise[k] * weight * weight),
             ..SourceLight::default()
         })
     });

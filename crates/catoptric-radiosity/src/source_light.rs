@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
-use catoptric_light::irradiance::{Samples, Scratch};
+use catoptric_light::irradiance::{Samples, Scratch, SourceIrradiance};
 use catoptric_light::{Lights, Receiver};
 use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
@@ -26,6 +26,8 @@ pub(crate) struct SourceLight {
     pub(crate) calm: bool,
     /// Shadow rays that it took.
     pub(crate) rays: u32,
+    /// Variance of direct and of mirrored light, channels added, as far as one pair of halves tells.
+    pub(crate) noise: [f32; 2],
 }
 
 impl SourceLight {
@@ -68,8 +70,10 @@ impl<'a> SourceField<'a> {
         let mut scratch = Scratch::default();
         let mut light = SourceLight { calm: true, ..SourceLight::default() };
         if self.lights.has_sources() {
-            ([light.direct, light.mirrored], light.calm) =
-                area_sources(self.lights, receiver, self.params.shadow_rays, calm, key, &mut scratch);
+            let found = area_sources(self.lights, receiver, self.params.shadow_rays, calm, key, &mut scratch);
+            [light.direct, light.mirrored] = found.map(|f| f.irradiance);
+            light.noise = found.map(|f| 0.25 * f.split.length_squared());
+            light.calm = found.iter().all(|f| f.even);
         }
         let punctual = self.lights.punctual(receiver, &mut scratch);
         light.punctual = punctual.direct + punctual.mirrored;
@@ -79,7 +83,7 @@ impl<'a> SourceField<'a> {
 }
 
 /// Direct and mirrored light of area sources by `count` shadow rays per chain, by fewer where the surroundings are `calm` and
-/// it turns out so here; and whether it does.
+/// it turns out so here.
 fn area_sources(
     lights: &Lights,
     receiver: &Receiver,
@@ -87,11 +91,11 @@ fn area_sources(
     calm: bool,
     key: Key,
     scratch: &mut Scratch,
-) -> ([Rgb; 2], bool) {
+) -> [SourceIrradiance; 2] {
     let samples = Samples { count, calm };
     let direct = lights.direct(receiver, samples, key, scratch);
     let mirrored = lights.mirrored(receiver, samples, direct.irradiance, key.child(1), scratch);
-    ([direct.irradiance, mirrored.irradiance], direct.even && mirrored.even)
+    [direct, mirrored]
 }
 
 impl Field for SourceField<'_> {
@@ -192,8 +196,8 @@ pub(crate) fn fit_sources(
             }
             let receiver = draft.receiver_inside(tracer, displayed, sample.element, sample.weights);
             let key = Key::new(params.seed, Purpose::Emitter, index as u64 | 1 << 40);
-            let ([direct, mirrored], _) =
-                area_sources(lights, &receiver, params.fit_rays, calm, key, scratch);
+            let [direct, mirrored] =
+                area_sources(lights, &receiver, params.fit_rays, calm, key, scratch).map(|f| f.irradiance);
             (direct, mirrored)
         })
         .collect();
@@ -208,15 +212,18 @@ pub(crate) fn fit_sources(
     let trust: Vec<f32> =
         displayed.origin.iter().map(|&v| if hidden[v as usize] { HIDDEN_TRUST } else { 1.0 }).collect();
     let parts = FitMesh::new(mesh);
-    let fitted = |values: &[Rgb], term: fn(&SourceLight) -> Rgb| {
+    let fitted = |values: &[Rgb], term: fn(&SourceLight) -> Rgb, noise: fn(&SourceLight) -> f32| {
         let prior: Vec<Rgb> = displayed.origin.iter().map(|&v| term(&sources[v as usize])).collect();
         if prior.iter().chain(values).all(|v| *v == Rgb::ZERO) {
             return prior;
         }
-        fit(&parts, &samples, values, &prior, &trust, &fit_params)
+        let noise: Vec<f32> = displayed.origin.iter().map(|&v| noise(&sources[v as usize])).collect();
+        fit(&parts, &samples, values, &prior, &trust, &noise, &fit_params)
     };
-    let (direct, mirrored) =
-        rayon::join(|| fitted(&direct, |s| s.direct), || fitted(&mirrored, |s| s.mirrored));
+    let (direct, mirrored) = rayon::join(
+        || fitted(&direct, |s| s.direct, |s| s.noise[0]),
+        || fitted(&mirrored, |s| s.mirrored, |s| s.noise[1]),
+    );
     for ((&v, direct), mirrored) in displayed.origin.iter().zip(direct).zip(mirrored) {
         let source = &mut sources[v as usize];
         (source.direct, source.mirrored) = (direct, mirrored);

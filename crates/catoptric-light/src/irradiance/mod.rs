@@ -86,11 +86,15 @@ pub struct SourceIrradiance {
     /// Each source was wholly visible, or wholly blocked, or equally thinned, as far as the samples tell: more of them
     /// would hardly tell more.
     pub even: bool,
+    /// What the first half of the samples found beyond the second: a quarter of its square estimates the variance of the
+    /// irradiance, as well as one difference can.
+    pub split: Rgb,
 }
 
 impl SourceIrradiance {
     /// No source.
-    const DARK: Self = Self { irradiance: Rgb::ZERO, unoccluded: Rgb::ZERO, partial: false, even: true };
+    const DARK: Self =
+        Self { irradiance: Rgb::ZERO, unoccluded: Rgb::ZERO, partial: false, even: true, split: Rgb::ZERO };
 }
 
 /// How many shadow rays look at the sources from one receiver.
@@ -213,6 +217,7 @@ impl<'a> Lights<'a> {
             sum.unoccluded += part.unoccluded;
             sum.partial |= part.partial;
             sum.even &= part.even;
+            sum.split += part.split;
         }
         sum
     }
@@ -299,6 +304,7 @@ impl<'a> Lights<'a> {
         }
         result.partial = tally.is_partial();
         result.even = tally.is_even();
+        result.split = tally.split;
         result
     }
 }

@@ -213,9 +213,12 @@ impl Lights<'_> {
         if target.whole.is_none() {
             contour::fan_of(target.corners, &mut scratch.fan);
         }
-        let mut weights = 0.0_f64;
-        let mut sum = DVec3::ZERO;
+        let (mut weights, mut sum) = (0.0_f64, DVec3::ZERO);
+        let (mut first_weights, mut first) = (0.0_f64, DVec3::ZERO);
         for index in 0..count {
+            if index == count / 2 {
+                (first_weights, first) = (weights, sum);
+            }
             // A prefix of the sequence is stratified, too.
             if calm && index == LOOK && textured.is_none() && tally.is_target_even() {
                 break;
@@ -252,7 +255,13 @@ impl Lights<'_> {
         if weights <= 0.0 {
             return Rgb::ZERO;
         }
-        target.radiance * ((sum / weights) * target.unit).as_vec3()
+        let irradiance =
+            |sum: DVec3, weights: f64| target.radiance * ((sum / weights) * target.unit).as_vec3();
+        if first_weights > 0.0 && weights > first_weights {
+            tally.split +=
+                irradiance(first, first_weights) - irradiance(sum - first, weights - first_weights);
+        }
+        irradiance(sum, weights)
     }
 
     /// All small pieces and groups together: systematic samples in proportion to their weights.
@@ -305,7 +314,9 @@ impl Lights<'_> {
                 }
                 let seen =
                     self.throughput(at, light, Goal::Plane(cell.plane), distance, None, scratch, tally);
-                result.irradiance += each * seen * receiver.coat.transmittance(cos);
+                let found = each * seen * receiver.coat.transmittance(cos);
+                result.irradiance += found;
+                tally.split += if drawn % 2 == 0 { found } else { -found } * 2.0;
             }
             position += weight;
         }
@@ -461,11 +472,13 @@ pub(super) struct Tally {
     /// Of the present target.
     least: f32,
     most: f32,
+    /// Sum over all targets: see [`SourceIrradiance::split`].
+    pub(super) split: Rgb,
 }
 
 impl Default for Tally {
     fn default() -> Self {
-        Self { seen: false, missed: false, uneven: false, least: f32::INFINITY, most: 0.0 }
+        Self { seen: false, missed: false, uneven: false, least: f32::INFINITY, most: 0.0, split: Rgb::ZERO }
     }
 }
 

@@ -238,7 +238,8 @@ fn fit_terms(
         if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
             continue;
         }
-        for (&v, fitted) in origin.iter().zip(fit(&parts, samples, &values, &prior, &vertices.trust, params))
+        for (&v, fitted) in
+            origin.iter().zip(fit(&parts, samples, &values, &prior, &vertices.trust, &[], params))
         {
             if let Some(terms) = &mut terms[v as usize] {
                 terms[term] = fitted;

@@ -62,16 +62,19 @@ const BALANCE_TOLERANCE: f64 = 1e-2;
 /// `trust` scales the prior per vertex: near zero where nobody looks, so that the membrane carries the light of the
 /// neighbours over; above one where a vertex has seen more per area than the samples.
 ///
-/// Fits `values[s]` at `samples[s]`, starting from and held by `prior` per vertex. Never negative.
+/// Fits `values[s]` at `samples[s]`, starting from and held by `prior` per vertex, whose variance is `noise` (channels added; empty:
+/// not known). Never negative.
 pub fn fit(
     parts: &FitMesh,
     samples: &[FitSample],
     values: &[Rgb],
     prior: &[Rgb],
     trust: &[f32],
+    noise: &[f32],
     params: &FitParams,
 ) -> Vec<Rgb> {
-    let problem = Problem { parts, samples, values, prior, trust };
+    let noise = pooled(parts.mesh, noise);
+    let problem = Problem { parts, samples, values, prior, trust, noise: &noise };
     let mut x = problem.least_squares(params);
     if params.balance > 0.0 {
         let left: Vec<Rgb> =
@@ -104,6 +107,29 @@ struct Problem<'a> {
     prior: &'a [Rgb],
     /// Per vertex.
     trust: &'a [f32],
+    /// Variance of the prior, per vertex; empty: not known.
+    noise: &'a [f32],
+}
+
+/// Times that variances are pooled with those of neighbours: each is one difference.
+const POOLING: usize = 2;
+
+/// Variances per vertex as means over the elements around.
+fn pooled(mesh: &DisplayMesh, noise: &[f32]) -> Vec<f32> {
+    let mut pooled = noise.to_vec();
+    for _ in 0..if noise.is_empty() { 0 } else { POOLING } {
+        let mut sums = vec![(0.0_f32, 0.0_f32); noise.len()];
+        for element in &mesh.elements {
+            let mean = element.vertices.iter().map(|&v| pooled[v as usize]).sum::<f32>() / 3.0;
+            for &v in &element.vertices {
+                sums[v as usize] = (sums[v as usize].0 + mean, sums[v as usize].1 + 1.0);
+            }
+        }
+        for (pooled, (sum, count)) in pooled.iter_mut().zip(sums) {
+            *pooled = if count > 0.0 { sum / count } else { *pooled };
+        }
+    }
+    pooled
 }
 
 /// Leverage of a sample beyond which its residual tells no more about noise.
@@ -133,15 +159,22 @@ impl Problem<'_> {
     /// the vertex.
     fn scatter(&self, normal: &Normal, x: &[Rgb]) -> Vec<f32> {
         let own = |weight: f32, v: usize| weight / normal.diagonal[v].max(f32::MIN_POSITIVE);
-        let freed =
-            |residual: Rgb, leverage: f32| residual.length_squared() / (1.0 - leverage.min(MAX_LEVERAGE));
-        let of_prior = |(v, &mass): (usize, &f32)| mass * mass * freed(self.prior[v] - x[v], own(mass, v));
+        // What decides alone has no residual: there the prior's noise tells, if it is known.
+        let squared = |residual: Rgb, leverage: f32, told: Option<f32>| match told {
+            Some(told) if leverage > MAX_LEVERAGE => told,
+            _ => residual.length_squared() / (1.0 - leverage.min(MAX_LEVERAGE)),
+        };
+        let of_prior = |(v, &mass): (usize, &f32)| {
+            let told = self.noise.get(v).copied();
+            mass * mass * squared(self.prior[v] - x[v], own(mass, v), told)
+        };
         let mut scatter: Vec<f32> = normal.masses.iter().enumerate().map(of_prior).collect();
         for (s, &value) in self.samples.iter().zip(self.values) {
             let corners = self.parts.mesh.elements[s.element as usize].vertices;
             let weights = corners.iter().zip(s.weights).map(|(&v, w)| (v as usize, w));
             let leverage: f32 = weights.clone().map(|(v, w)| own(w * w * s.area, v)).sum();
-            let squared = freed(value - self.at(s, x), leverage);
+            let told = weights.clone().map(|(v, w)| self.noise.get(v).map(|noise| w * noise)).sum();
+            let squared = squared(value - self.at(s, x), leverage, told);
             weights.for_each(|(v, w)| scatter[v] += (w * s.area) * (w * s.area) * squared);
         }
         scatter
@@ -162,7 +195,7 @@ struct Normal {
 
 impl Normal {
     fn new(problem: &Problem, params: &FitParams) -> Self {
-        let &Problem { parts: &FitMesh { mesh, .. }, samples, values, prior, trust } = problem;
+        let &Problem { parts: &FitMesh { mesh, .. }, samples, values, prior, trust, .. } = problem;
         let mut masses = vec![0.0_f32; mesh.vertices.len()];
         for element in 0..mesh.elements.len() as u32 {
             let third = mesh.area(element) / 3.0;
@@ -334,7 +367,7 @@ mod tests {
         let trust = vec![1.0; mesh.vertices.len()];
         let params = FitParams { prior: 1e-6, max_steps: 400, tolerance: 1e-7, ..FitParams::default() };
         for (v, value) in
-            fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &params).iter().enumerate()
+            fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &[], &params).iter().enumerate()
         {
             assert!((*value - light(mesh.vertices[v].position)).length() < 1e-3, "vertex {v}: {value}");
         }
@@ -353,7 +386,7 @@ mod tests {
         let trust = vec![1.0; mesh.vertices.len()];
         let held = FitParams { prior: 0.5, ..FitParams::default() };
         let mean = |params: &FitParams, dark: bool| {
-            let fitted = fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, params);
+            let fitted = fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &[], params);
             // Away from the ends and from where the halves meet.
             let far = |v: &usize| (mesh.vertices[*v].position.x - 20.0).abs() > 4.0 && is_dark(*v) == dark;
             let values: Vec<f32> = (0..fitted.len()).filter(far).map(|v| fitted[v].x).collect();
@@ -385,7 +418,7 @@ mod tests {
         let fitted = |mesh: &DisplayMesh, samples: &[FitSample]| {
             let values: Vec<Rgb> = samples.iter().map(|s| of(mesh, s)).collect();
             let (prior, trust) = (vec![Rgb::ONE; mesh.vertices.len()], vec![1.0; mesh.vertices.len()]);
-            fit(&FitMesh::new(mesh), samples, &values, &prior, &trust, &params)
+            fit(&FitMesh::new(mesh), samples, &values, &prior, &trust, &[], &params)
         };
         let alone = fitted(&one, &samples(&one));
         assert_eq!(fitted(&mesh, &both)[..count as usize], alone);
@@ -400,7 +433,7 @@ mod tests {
         values[3] = Rgb::splat(f32::NAN);
         let (prior, trust) = (vec![Rgb::splat(2.0); mesh.vertices.len()], vec![1.0; mesh.vertices.len()]);
         let params = FitParams { balance: 1.0, ..FitParams::default() };
-        assert_eq!(fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &params), prior);
+        assert_eq!(fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &[], &params), prior);
     }
 
     /// Root mean square of what a fit misses of `light`, where samples and prior are off by noise of deviation one, at
@@ -409,7 +442,7 @@ mod tests {
         let mesh = grid(24, 24);
         let samples = samples(&mesh);
         let noise = |entity: u64| {
-            let key = Key::new(7, Purpose::Hemisphere, entity);
+            let key = Key::new(7, Purpose::Test, entity);
             // Uniform of variance one.
             (key.uniform(0) - 0.5) * 12.0_f32.sqrt()
         };
@@ -419,7 +452,7 @@ mod tests {
         let prior: Vec<Rgb> = (0..mesh.vertices.len()).map(|v| noisy((1_000_000 + v, at(v)))).collect();
         let trust = vec![1.0; prior.len()];
         let params = FitParams { bending, ..FitParams::default() };
-        let fitted = fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &params);
+        let fitted = fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &[], &params);
         let squares: Vec<f32> = (0..fitted.len())
             .filter(|&v| counts(at(v)))
             .map(|v| (fitted[v].x - light(at(v))).powi(2))
@@ -437,6 +470,24 @@ mod tests {
             assert!((0.4..0.8).contains(&loose), "{loose}");
             assert!(stiff < 0.5 * loose, "slope {slope}: {stiff} instead of {loose}");
         }
+    }
+
+    /// On fine meshes there are no samples inside: the vertices alone decide, and are smoothed if their noise is known.
+    #[test]
+    fn vertices_alone_are_smoothed_by_the_noise_that_they_are_said_to_have() {
+        let mesh = grid(24, 24);
+        let count = mesh.vertices.len();
+        let light = |v: usize| 100.0 + 5.0 * mesh.vertices[v].position.x;
+        let noise = |v: usize| (Key::new(7, Purpose::Test, v as u64).uniform(0) - 0.5) * 12.0_f32.sqrt();
+        let prior: Vec<Rgb> = (0..count).map(|v| Rgb::splat(light(v) + noise(v))).collect();
+        let fitted = |told: &[f32]| {
+            fit(&FitMesh::new(&mesh), &[], &[], &prior, &vec![1.0; count], told, &FitParams::default())
+        };
+        assert_eq!(fitted(&[]), prior);
+        // Three channels of variance one.
+        let squares = |(v, x): (usize, &Rgb)| (x.x - light(v)).powi(2);
+        let missed = fitted(&vec![3.0; count]).iter().enumerate().map(squares).sum::<f32>() / count as f32;
+        assert!(missed < 0.25, "{missed} of 1");
     }
 
     /// Beside a shadow's edge twenty deviations high the fit is as far off as it was: what is smoothed away of the noise outweighs
@@ -466,7 +517,7 @@ mod tests {
             tolerance: 1e-8,
             ..FitParams::default()
         };
-        let fitted = fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &params);
+        let fitted = fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &[], &params);
         let sent: f32 = samples.iter().zip(&values).map(|(s, v)| s.area * v.x).sum();
         let kept: f32 = (0..mesh.elements.len() as u32)
             .map(|e| {
