@@ -35,7 +35,7 @@ pub struct SolveParams {
     /// Base triangles that the diffuse surfaces are cut into, about.
     pub base_triangles: usize,
     /// Refinement for the light of sources; its blur is a multiple of the base edge length. Its vertices are those that it may add
-    /// to a mesh of up to twice as many; to larger ones, half as many as they have, up to four times this budget.
+    /// to a mesh of up to three times as many; to larger ones, a third of what they have, up to four times this budget.
     pub sources: RefineParams,
     /// Shadow rays per vertex.
     pub shadow_rays: u32,
@@ -379,7 +379,7 @@ fn spacing(tracer: &Tracer, count: usize) -> f32 {
 
 /// Vertices that shadows may add: `least`, more where many things cast shadows.
 fn vertex_budget(least: usize, base_vertices: usize) -> usize {
-    (base_vertices / 2).clamp(least, MAX_BUDGETS * least)
+    (base_vertices / 3).clamp(least, MAX_BUDGETS * least)
 }
 
 /// Mean irradiance of sources on each patch.
