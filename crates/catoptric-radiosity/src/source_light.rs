@@ -12,7 +12,7 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use crate::JOB;
 use crate::allocation::HIDDEN_TRUST;
 use crate::draft::{Displayed, Draft, drawn_inside};
-use crate::fit::{FitMesh, FitParams, FitSample, fit};
+use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit};
 use crate::refine::{Field, mean};
 use crate::solve::SolveParams;
 
@@ -218,7 +218,8 @@ pub(crate) fn fit_sources(
             return prior;
         }
         let noise: Vec<f32> = displayed.origin.iter().map(|&v| noise(&sources[v as usize])).collect();
-        fit(&parts, &samples, values, &prior, &trust, &noise, &fit_params)
+        let term = FitTerm { values, prior: &prior };
+        fit(&parts, &samples, &[term], &trust, &noise, &fit_params).remove(0)
     };
     let (direct, mirrored) = rayon::join(
         || fitted(&direct, |s| s.direct, |s| s.noise[0]),

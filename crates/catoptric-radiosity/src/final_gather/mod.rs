@@ -9,7 +9,7 @@ use catoptric_light::Lights;
 use catoptric_scene::{Cancelled, Progress, Rgb};
 
 use crate::draft::{Displayed, Draft};
-use crate::fit::{FitMesh, FitParams, FitSample, fit};
+use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit};
 use crate::gather::{DiffuseLight, Gathered};
 use crate::patch::PatchMesh;
 use crate::rows::Row;
@@ -230,19 +230,21 @@ fn fit_terms(
     for &v in origin {
         terms[v as usize] = Some([Rgb::ZERO; 4]);
     }
-    let parts = FitMesh::new(mesh);
-    for term in 0..4 {
+    // A term with what the points inside and the vertices found of it.
+    let found = |term: usize| {
         let value = |g: &Gathered| [g.direct, g.mirrored, g.caustic, g.indirect][term];
-        let prior: Vec<Rgb> = vertices.gathered.iter().map(value).collect();
         let values: Vec<Rgb> = inside.iter().map(value).collect();
-        if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
-            continue;
-        }
-        for (&v, fitted) in
-            origin.iter().zip(fit(&parts, samples, &values, &prior, &vertices.trust, &[], params))
-        {
+        let prior: Vec<Rgb> = vertices.gathered.iter().map(value).collect();
+        let is_lit = prior.iter().chain(&values).any(|v| *v != Rgb::ZERO);
+        is_lit.then_some((term, values, prior))
+    };
+    let lit: Vec<(usize, Vec<Rgb>, Vec<Rgb>)> = (0..4).filter_map(found).collect();
+    let together: Vec<FitTerm> = lit.iter().map(|(_, values, prior)| FitTerm { values, prior }).collect();
+    let fitted = fit(&FitMesh::new(mesh), samples, &together, &vertices.trust, &[], params);
+    for ((term, ..), fitted) in lit.iter().zip(fitted) {
+        for (&v, fitted) in origin.iter().zip(fitted) {
             if let Some(terms) = &mut terms[v as usize] {
-                terms[term] = fitted;
+                terms[*term] = fitted;
             }
         }
     }

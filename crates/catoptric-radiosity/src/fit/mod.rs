@@ -59,41 +59,60 @@ impl Default for FitParams {
 const BALANCE_PRIOR: f32 = 0.01;
 const BALANCE_TOLERANCE: f64 = 1e-2;
 
-/// `trust` scales the prior per vertex: near zero where nobody looks, so that the membrane carries the light of the
-/// neighbours over; above one where a vertex has seen more per area than the samples.
+/// A quantity that is fitted.
+#[derive(Clone, Copy, Debug)]
+pub struct FitTerm<'a> {
+    /// Per sample.
+    pub values: &'a [Rgb],
+    /// Per vertex: what the fit starts from and is held by.
+    pub prior: &'a [Rgb],
+}
+
+/// Fits each term at `samples`. `trust` scales the prior per vertex: near zero where nobody looks, so that the membrane carries
+/// the light of the neighbours over; above one where a vertex has seen more per area than the samples. `noise` is the variance of
+/// the prior per vertex, channels added (empty: not known). Never negative.
 ///
-/// Fits `values[s]` at `samples[s]`, starting from and held by `prior` per vertex, whose variance is `noise` (channels added; empty:
-/// not known). Never negative.
+/// Edges are as stiff as the noise of the *sum* of the terms allows: noise that cancels between them, as in a furnace, still does.
 pub fn fit(
     parts: &FitMesh,
     samples: &[FitSample],
-    values: &[Rgb],
-    prior: &[Rgb],
+    terms: &[FitTerm],
     trust: &[f32],
     noise: &[f32],
     params: &FitParams,
-) -> Vec<Rgb> {
+) -> Vec<Vec<Rgb>> {
     let noise = pooled(parts.mesh, noise);
-    let problem = Problem { parts, samples, values, prior, trust, noise: &noise };
-    let mut x = problem.least_squares(params);
-    if params.balance > 0.0 {
-        let left: Vec<Rgb> =
-            samples.iter().zip(values).map(|(s, &value)| value - problem.at(s, &x)).collect();
-        let wide = FitParams {
-            prior: BALANCE_PRIOR,
-            smoothing: params.balance,
-            bending: 0.0,
-            tolerance: BALANCE_TOLERANCE,
-            ..*params
-        };
-        let nothing = vec![Rgb::ZERO; x.len()];
-        let balance = Problem { values: &left, prior: &nothing, ..problem };
-        for (x, more) in x.iter_mut().zip(balance.least_squares(&wide)) {
-            *x += more;
+    let shared = Problem { parts, samples, term: FitTerm { values: &[], prior: &[] }, trust, noise: &noise };
+    let loose: Vec<Loose> = terms.iter().map(|&term| Problem { term, ..shared }.loose(params)).collect();
+    let stiffness = match loose.first() {
+        Some(first) if params.bending > 0.0 => {
+            let values = sum(terms.iter().map(|t| t.values));
+            let prior = sum(terms.iter().map(|t| t.prior));
+            let light = sum(loose.iter().map(|l| l.x.as_slice()));
+            let term = FitTerm { values: &values, prior: &prior };
+            Problem { term, ..shared }.stiffness(&first.normal, &light, params)
         }
+        _ => Vec::new(),
+    };
+    let fitted = |(&term, loose): (&FitTerm, Loose)| {
+        let mut x = loose.stiffened(parts, &stiffness, params);
+        if params.balance > 0.0 {
+            let balance = Problem { term, ..shared }.balance(&x, params);
+            x.iter_mut().zip(balance).for_each(|(x, more)| *x += more);
+        }
+        lift(parts.mesh, &mut x);
+        x
+    };
+    terms.iter().zip(loose).map(fitted).collect()
+}
+
+/// Sum of lists of one length.
+fn sum<'a>(mut lists: impl Iterator<Item = &'a [Rgb]>) -> Vec<Rgb> {
+    let mut sum = lists.next().map_or_else(Vec::new, <[Rgb]>::to_vec);
+    for list in lists {
+        sum.iter_mut().zip(list).for_each(|(sum, value)| *sum += *value);
     }
-    lift(parts.mesh, &mut x);
-    x
+    sum
 }
 
 /// What is fitted.
@@ -101,10 +120,7 @@ pub fn fit(
 struct Problem<'a> {
     parts: &'a FitMesh<'a>,
     samples: &'a [FitSample],
-    /// Per sample.
-    values: &'a [Rgb],
-    /// Per vertex.
-    prior: &'a [Rgb],
+    term: FitTerm<'a>,
     /// Per vertex.
     trust: &'a [f32],
     /// Variance of the prior, per vertex; empty: not known.
@@ -135,18 +151,47 @@ fn pooled(mesh: &DisplayMesh, noise: &[f32]) -> Vec<f32> {
 /// Leverage of a sample beyond which its residual tells no more about noise.
 const MAX_LEVERAGE: f32 = 0.8;
 
+/// The minimum without stiffness, which may be below zero, and its equations.
+struct Loose {
+    normal: Normal,
+    x: Vec<Rgb>,
+}
+
+impl Loose {
+    /// The minimum with stiff edges.
+    fn stiffened(self, parts: &FitMesh, stiffness: &[f32], params: &FitParams) -> Vec<Rgb> {
+        if stiffness.is_empty() { self.x } else { minimum(parts, &self.normal, stiffness, &self.x, params) }
+    }
+}
+
 impl Problem<'_> {
-    /// The minimum, which may be below zero.
-    fn least_squares(&self, params: &FitParams) -> Vec<Rgb> {
+    fn loose(&self, params: &FitParams) -> Loose {
         let normal = Normal::new(self, params);
-        let loose = minimum(self.parts, &normal, &[], self.prior, params);
-        if params.bending <= 0.0 {
-            return loose;
-        }
-        let scatter = self.scatter(&normal, &loose);
-        let mut stiffness = stiffness(&self.parts.bends, &loose, &normal.diagonal, &scatter);
+        let x = minimum(self.parts, &normal, &[], self.term.prior, params);
+        Loose { normal, x }
+    }
+
+    /// Stiffness of the edges, where `light` is the minimum without.
+    fn stiffness(&self, normal: &Normal, light: &[Rgb], params: &FitParams) -> Vec<f32> {
+        let scatter = self.scatter(normal, light);
+        let mut stiffness = stiffness(&self.parts.bends, light, &normal.diagonal, &scatter);
         stiffness.iter_mut().for_each(|s| *s *= params.bending);
-        minimum(self.parts, &normal, &stiffness, &loose, params)
+        stiffness
+    }
+
+    /// What the prior has taken from the samples in `x`, spread widely.
+    fn balance(&self, x: &[Rgb], params: &FitParams) -> Vec<Rgb> {
+        let left: Vec<Rgb> =
+            self.samples.iter().zip(self.term.values).map(|(s, &value)| value - self.at(s, x)).collect();
+        let wide = FitParams {
+            prior: BALANCE_PRIOR,
+            smoothing: params.balance,
+            tolerance: BALANCE_TOLERANCE,
+            ..*params
+        };
+        let nothing = vec![Rgb::ZERO; x.len()];
+        let term = FitTerm { values: &left, prior: &nothing };
+        Problem { term, ..*self }.loose(&wide).x
     }
 
     /// Light `x` at the place of a sample.
@@ -166,10 +211,10 @@ impl Problem<'_> {
         };
         let of_prior = |(v, &mass): (usize, &f32)| {
             let told = self.noise.get(v).copied();
-            mass * mass * squared(self.prior[v] - x[v], own(mass, v), told)
+            mass * mass * squared(self.term.prior[v] - x[v], own(mass, v), told)
         };
         let mut scatter: Vec<f32> = normal.masses.iter().enumerate().map(of_prior).collect();
-        for (s, &value) in self.samples.iter().zip(self.values) {
+        for (s, &value) in self.samples.iter().zip(self.term.values) {
             let corners = self.parts.mesh.elements[s.element as usize].vertices;
             let weights = corners.iter().zip(s.weights).map(|(&v, w)| (v as usize, w));
             let leverage: f32 = weights.clone().map(|(v, w)| own(w * w * s.area, v)).sum();
@@ -195,7 +240,9 @@ struct Normal {
 
 impl Normal {
     fn new(problem: &Problem, params: &FitParams) -> Self {
-        let &Problem { parts: &FitMesh { mesh, .. }, samples, values, prior, trust, .. } = problem;
+        let &Problem {
+            parts: &FitMesh { mesh, .. }, samples, term: FitTerm { values, prior }, trust, ..
+        } = problem;
         let mut masses = vec![0.0_f32; mesh.vertices.len()];
         for element in 0..mesh.elements.len() as u32 {
             let third = mesh.area(element) / 3.0;
@@ -294,6 +341,20 @@ mod tests {
     use catoptric_trace::sequence::{Key, Purpose};
     use glam::Vec3;
 
+    /// The fit of one term.
+    fn fit(
+        mesh: &DisplayMesh,
+        samples: &[FitSample],
+        values: &[Rgb],
+        prior: &[Rgb],
+        noise: &[f32],
+        params: &FitParams,
+    ) -> Vec<Rgb> {
+        let trust = vec![1.0; prior.len()];
+        super::fit(&FitMesh::new(mesh), samples, &[FitTerm { values, prior }], &trust, noise, params)
+            .remove(0)
+    }
+
     /// Squares of edge one, each cut into two triangles.
     fn grid(columns: u32, rows: u32) -> DisplayMesh {
         let vertex = |x: f32, y: f32| DisplayVertex {
@@ -364,11 +425,8 @@ mod tests {
         let light = |p: Vec3| Rgb::new(1.0 + p.x, 2.0 + p.y, 3.0);
         let values: Vec<Rgb> = samples.iter().map(|s| light(position(&mesh, s))).collect();
         let prior = vec![Rgb::ONE; mesh.vertices.len()];
-        let trust = vec![1.0; mesh.vertices.len()];
         let params = FitParams { prior: 1e-6, max_steps: 400, tolerance: 1e-7, ..FitParams::default() };
-        for (v, value) in
-            fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &[], &params).iter().enumerate()
-        {
+        for (v, value) in fit(&mesh, &samples, &values, &prior, &[], &params).iter().enumerate() {
             assert!((*value - light(mesh.vertices[v].position)).length() < 1e-3, "vertex {v}: {value}");
         }
     }
@@ -383,10 +441,9 @@ mod tests {
         let is_dark = |v: usize| mesh.vertices[v].position.x < 20.0;
         let prior: Vec<Rgb> =
             (0..mesh.vertices.len()).map(|v| Rgb::splat(if is_dark(v) { 0.9 } else { 1.0 })).collect();
-        let trust = vec![1.0; mesh.vertices.len()];
         let held = FitParams { prior: 0.5, ..FitParams::default() };
         let mean = |params: &FitParams, dark: bool| {
-            let fitted = fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &[], params);
+            let fitted = fit(&mesh, &samples, &values, &prior, &[], params);
             // Away from the ends and from where the halves meet.
             let far = |v: &usize| (mesh.vertices[*v].position.x - 20.0).abs() > 4.0 && is_dark(*v) == dark;
             let values: Vec<f32> = (0..fitted.len()).filter(far).map(|v| fitted[v].x).collect();
@@ -417,8 +474,8 @@ mod tests {
         let params = FitParams::default();
         let fitted = |mesh: &DisplayMesh, samples: &[FitSample]| {
             let values: Vec<Rgb> = samples.iter().map(|s| of(mesh, s)).collect();
-            let (prior, trust) = (vec![Rgb::ONE; mesh.vertices.len()], vec![1.0; mesh.vertices.len()]);
-            fit(&FitMesh::new(mesh), samples, &values, &prior, &trust, &[], &params)
+            let prior = vec![Rgb::ONE; mesh.vertices.len()];
+            fit(mesh, samples, &values, &prior, &[], &params)
         };
         let alone = fitted(&one, &samples(&one));
         assert_eq!(fitted(&mesh, &both)[..count as usize], alone);
@@ -431,9 +488,9 @@ mod tests {
         let samples = samples(&mesh);
         let mut values = vec![Rgb::ONE; samples.len()];
         values[3] = Rgb::splat(f32::NAN);
-        let (prior, trust) = (vec![Rgb::splat(2.0); mesh.vertices.len()], vec![1.0; mesh.vertices.len()]);
+        let prior = vec![Rgb::splat(2.0); mesh.vertices.len()];
         let params = FitParams { balance: 1.0, ..FitParams::default() };
-        assert_eq!(fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &[], &params), prior);
+        assert_eq!(fit(&mesh, &samples, &values, &prior, &[], &params), prior);
     }
 
     /// Root mean square of what a fit misses of `light`, where samples and prior are off by noise of deviation one, at
@@ -450,9 +507,8 @@ mod tests {
         let values: Vec<Rgb> = samples.iter().map(|s| position(&mesh, s)).enumerate().map(noisy).collect();
         let at = |v: usize| mesh.vertices[v].position;
         let prior: Vec<Rgb> = (0..mesh.vertices.len()).map(|v| noisy((1_000_000 + v, at(v)))).collect();
-        let trust = vec![1.0; prior.len()];
         let params = FitParams { bending, ..FitParams::default() };
-        let fitted = fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &[], &params);
+        let fitted = fit(&mesh, &samples, &values, &prior, &[], &params);
         let squares: Vec<f32> = (0..fitted.len())
             .filter(|&v| counts(at(v)))
             .map(|v| (fitted[v].x - light(at(v))).powi(2))
@@ -480,14 +536,40 @@ mod tests {
         let light = |v: usize| 100.0 + 5.0 * mesh.vertices[v].position.x;
         let noise = |v: usize| (Key::new(7, Purpose::Test, v as u64).uniform(0) - 0.5) * 12.0_f32.sqrt();
         let prior: Vec<Rgb> = (0..count).map(|v| Rgb::splat(light(v) + noise(v))).collect();
-        let fitted = |told: &[f32]| {
-            fit(&FitMesh::new(&mesh), &[], &[], &prior, &vec![1.0; count], told, &FitParams::default())
-        };
+        let fitted = |told: &[f32]| fit(&mesh, &[], &[], &prior, told, &FitParams::default());
         assert_eq!(fitted(&[]), prior);
         // Three channels of variance one.
         let squares = |(v, x): (usize, &Rgb)| (x.x - light(v)).powi(2);
         let missed = fitted(&vec![3.0; count]).iter().enumerate().map(squares).sum::<f32>() / count as f32;
         assert!(missed < 0.25, "{missed} of 1");
+    }
+
+    /// Light that comes to one of three terms by chance, the same in all: its sum stays what it is. Each smoothed by its own
+    /// noise, it would not.
+    #[test]
+    fn noise_that_cancels_between_terms_still_does() {
+        let mesh = grid(24, 24);
+        let samples = samples(&mesh);
+        // So much that no fit is below zero, which would be lifted.
+        let part = |place: u64, term: u64| {
+            let key = Key::new(7, Purpose::Test, place);
+            let [a, b] = [0, 1].map(|k| 2.0 + key.uniform(k));
+            Rgb::splat([a, b, 9.0 - a - b][term as usize])
+        };
+        let of = |term: u64| -> [Vec<Rgb>; 2] {
+            let values = (0..samples.len() as u64).map(|s| part(s, term)).collect();
+            [values, (0..mesh.vertices.len() as u64).map(|v| part(1_000_000 + v, term)).collect()]
+        };
+        let found = [0, 1, 2].map(of);
+        let terms = found.each_ref().map(|[values, prior]| FitTerm { values, prior });
+        let params = FitParams { max_steps: 400, tolerance: 1e-6, ..FitParams::default() };
+        let trust = vec![1.0; mesh.vertices.len()];
+        let fitted = super::fit(&FitMesh::new(&mesh), &samples, &terms, &trust, &[], &params);
+        for v in 0..mesh.vertices.len() {
+            let sum: Rgb = fitted.iter().map(|term| term[v]).sum();
+            // Each is off by about a hundred times where its conjugate gradients end.
+            assert!((sum - Rgb::splat(9.0)).abs().max_element() < 1e-3, "{sum}");
+        }
     }
 
     /// Beside a shadow's edge twenty deviations high the fit is as far off as it was: what is smoothed away of the noise outweighs
@@ -508,7 +590,6 @@ mod tests {
         let values: Vec<Rgb> =
             samples.iter().map(|s| Rgb::splat(1.0 / (1.0 + (position(&mesh, s).x - 3.0).powi(2)))).collect();
         let prior = vec![Rgb::ONE; mesh.vertices.len()];
-        let trust = vec![1.0; mesh.vertices.len()];
         let params = FitParams {
             prior: 1e-7,
             smoothing: 0.3,
@@ -517,7 +598,7 @@ mod tests {
             tolerance: 1e-8,
             ..FitParams::default()
         };
-        let fitted = fit(&FitMesh::new(&mesh), &samples, &values, &prior, &trust, &[], &params);
+        let fitted = fit(&mesh, &samples, &values, &prior, &[], &params);
         let sent: f32 = samples.iter().zip(&values).map(|(s, v)| s.area * v.x).sum();
         let kept: f32 = (0..mesh.elements.len() as u32)
             .map(|e| {
