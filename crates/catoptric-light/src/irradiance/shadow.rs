@@ -316,7 +316,7 @@ impl Lights<'_> {
                     self.throughput(at, light, Goal::Plane(cell.plane), distance, None, scratch, tally);
                 let found = each * seen * receiver.coat.transmittance(cos);
                 result.irradiance += found;
-                tally.split += if drawn % 2 == 0 { found } else { -found } * 2.0;
+                tally.systematic(drawn, count, found);
             }
             position += weight;
         }
@@ -429,9 +429,11 @@ impl Lights<'_> {
                 let center_cos = image.normal.dot(texel.direction.as_dvec3());
                 let each = texel.power * (center_cos * step / weight) as f32;
                 let tilt = (cos / center_cos) as f32;
-                result.irradiance += each * tilt * seen * receiver.coat.transmittance(cos as f32);
+                let found = each * tilt * seen * receiver.coat.transmittance(cos as f32);
+                result.irradiance += found;
                 next += step;
                 drawn += 1;
+                tally.systematic(drawn, count, found);
             }
             position += weight;
         }
@@ -507,6 +509,14 @@ impl Tally {
     /// Samples of different things: what they see tells nothing about what others would.
     pub(super) fn mixed(&mut self) {
         self.uneven = true;
+    }
+
+    /// Halves of systematic samples are every other one; `number` from 1. The last of an odd number is in neither: one half would be
+    /// larger, whatever it found.
+    fn systematic(&mut self, number: u32, count: u32, found: Rgb) {
+        if number <= count / 2 * 2 {
+            self.split += if number % 2 == 0 { found } else { -found } * 2.0;
+        }
     }
 
     #[inline]
