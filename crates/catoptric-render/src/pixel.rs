@@ -110,21 +110,21 @@ pub struct Eye<'a> {
 }
 
 impl Eye<'_> {
-    /// Traces one eye ray. With a `footprint`, finds the lines of the display mesh, too; with shadow rays, evaluates the
-    /// light of sources at the hits.
+    /// Traces one eye ray, sample `index` of those with the same `key`. With a `footprint`, finds the lines of the display
+    /// mesh, too; with shadow rays, evaluates the light of sources at the hits.
     pub fn sample(
         &self,
         origin: Vec3,
         direction: Vec3,
         footprint: Option<Footprint>,
         shadow_rays: Option<u32>,
-        key: Key,
+        (key, index): (Key, u32),
         scratch: &mut Scratch,
     ) -> Sample {
         let tracer = self.lights.tracer();
         let scene = tracer.scene();
         let mut light = LightLayers::default();
-        let mut shadows = shadow_rays.map(|rays| Shadows::new(rays, key.child(SHADOWS)));
+        let mut shadows = shadow_rays.map(|rays| Shadows::new(rays, key.child(index).child(SHADOWS)));
         let mut lines = 0.0;
         let mut first = None;
         let (mut trail, mut curved) = (0x811c_9dc5_u32, false);
@@ -132,7 +132,7 @@ impl Eye<'_> {
             tracer,
             Ray::free(origin, direction),
             MediumStack::AIR,
-            key,
+            (key, index),
             &self.params,
             |hit| first = Some(*hit),
             |sight| match sight {

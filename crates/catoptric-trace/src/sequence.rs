@@ -71,6 +71,12 @@ impl Key {
         unit(mix(self.0 ^ mix(index.wrapping_mul(0x9e37_79b9).wrapping_add(0x3c6e_f372))))
     }
 
+    /// Number `index` of van der Corput's sequence, shifted as a whole by a random number, in [0, 1).
+    #[inline]
+    pub fn shifted(self, index: u32) -> f32 {
+        unit(self.bits(0).wrapping_add(index.reverse_bits()))
+    }
+
     /// Raw bits for `index`.
     #[inline]
     pub fn bits(self, index: u32) -> u32 {

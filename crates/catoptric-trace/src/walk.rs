@@ -324,6 +324,16 @@ pub mod split {
         }
     }
 
+    impl SplitParams {
+        /// For one of so many samples of a pixel. A branch of throughput t that goes on with the probability t/τ, and then for τ,
+        /// has the variance t (τ − t) of its light: at the same number of times the threshold, that of the mean stays.
+        #[must_use]
+        pub fn for_one_of(self, samples: u32) -> Self {
+            let roulette_below = self.roulette_below * samples.max(1) as f32;
+            Self { roulette_below: roulette_below.min(1.0), ..self }
+        }
+    }
+
     /// What the eye meets.
     #[derive(Debug)]
     pub enum Sight<'a> {
@@ -347,6 +357,24 @@ pub mod split {
         chain: Chain,
         distance: f32,
         depth: u32,
+        /// It went on by roulette.
+        drawn: bool,
+    }
+
+    /// Roulette by systematic sampling: of branches of strength s₁, s₂, … below the threshold τ those go on, for τ, where the sums of
+    /// s/τ pass a whole number, begun anywhere below 1. Each does with the probability s/τ, and together they stand for their sum
+    /// but for less than τ, where independent draws would differ by the root of their number.
+    struct Roulette(f32);
+
+    impl Roulette {
+        fn goes_on(&mut self, probability: f32) -> bool {
+            self.0 += probability;
+            let goes_on = self.0 >= 1.0;
+            if goes_on {
+                self.0 -= 1.0;
+            }
+            goes_on
+        }
     }
 
     /// Branches that wait: more than this and the weakest go by roulette at a higher threshold.
@@ -354,20 +382,26 @@ pub mod split {
 
     /// Follows every branch from the eye. `see` gets everything that is met; `first` the first visible hit.
     ///
+    /// This is sample `index` of those with the same `key`, whose draws are stratified together.
+    ///
     /// Opaque single-sided surfaces are passed from behind before the first hit, as glTF viewers do.
     pub fn trace(
         tracer: &Tracer,
         ray: Ray,
         media: MediumStack,
-        key: Key,
+        (key, index): (Key, u32),
         params: &SplitParams,
         mut first: impl FnMut(&Hit),
         mut see: impl FnMut(Sight),
     ) {
         let mut open: Vec<Open> = Vec::new();
+        let chain = Chain::DIRECT;
         let mut next =
-            Some(Open { ray, media, throughput: Rgb::ONE, chain: Chain::DIRECT, distance: 0.0, depth: 0 });
-        let mut draws = 0;
+            Some(Open { ray, media, throughput: Rgb::ONE, chain, distance: 0.0, depth: 0, drawn: false });
+        // One for all branches that are met whatever it decides; the rest depend on it, and have another at each event.
+        let mut first_draws = Roulette(key.shifted(index));
+        let key = key.child(index);
+        let mut events = 0;
         let mut met = false;
         while let Some(mut path) = next.take().or_else(|| open.pop()) {
             let Some(hit) = tracer.nearest(&path.ray, f32::INFINITY) else {
@@ -409,14 +443,18 @@ pub mod split {
                 continue;
             }
             // A full stack raises the threshold: the work per pixel stays bounded, the mean does not change.
-            let threshold = if open.len() < MAX_OPEN { params.roulette_below } else { 1.0 };
+            let is_full = open.len() >= MAX_OPEN;
+            let threshold = if is_full { 1.0 } else { params.roulette_below };
+            events += 1;
+            let mut later_draws = Roulette(key.uniform(events));
+            let roulette = if path.drawn || is_full { &mut later_draws } else { &mut first_draws };
             for branch in interaction.branches() {
                 let mut throughput = path.throughput * branch.throughput;
                 let strength = throughput.max_element();
-                if strength < threshold {
-                    draws += 1;
+                let drawn = strength < threshold;
+                if drawn {
                     let survival = strength / threshold;
-                    if key.uniform(draws) >= survival {
+                    if !roulette.goes_on(survival) {
                         continue;
                     }
                     throughput /= survival;
@@ -430,6 +468,7 @@ pub mod split {
                     chain,
                     distance: path.distance,
                     depth: path.depth + 1,
+                    drawn: path.drawn || drawn,
                 };
                 if let Some(waiting) = next.replace(follow) {
                     open.push(waiting);
