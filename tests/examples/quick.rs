@@ -2,8 +2,8 @@
 //!
 //! `cargo run --profile fast -p catoptric-tests --example quick -- SCENE.glb OUT.exr [sketch|draft|standard|high] [layers]`
 //!
-//! Variables of the environment replace budgets of pass one: `BASE`, `ROWS`, `GATHER`, `VERT`, `TOL`, `BLUR`, `MAXV`, `SHADOW`,
-//! `NEAR`, `DETAIL`, `DROUNDS`, `ROUNDS`, `SMOOTH`, `BEND`, `FITBEND`, `POINTS`, `FITP`, `FITR`, `LIGHT` and `SEED` (see [`SolveParams`]), `NOISE`, `EDGE` and `MOST` (see [`RenderParams`]).
+//! Variables of the environment replace budgets of pass one: `BASE`, `ROWS`, `GATHER`, `VERT`, `TOL`, `BLUR`, `FLOOR`, `MAXV`, `SHADOW`,
+//! `NEAR`, `DETAIL`, `MAXD`, `DROUNDS`, `ROUNDS`, `SMOOTH`, `BEND`, `FITBEND`, `POINTS`, `FITP`, `FITR`, `LIGHT`, `CNOISE`, `CMAXV` and `SEED` (see [`SolveParams`]), `NOISE`, `EDGE` and `MOST` (see [`RenderParams`]).
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -94,11 +94,13 @@ fn budgets(quality: Quality) -> SolveParams {
     share("PRIOR", &mut params.gather_fit.prior);
     share("TOL", &mut params.sources.tolerance);
     share("BLUR", &mut params.sources.blur);
+    share("FLOOR", &mut params.sources.floor);
     size("MAXV", &mut params.sources.max_vertices);
     count("SHADOW", &mut params.shadow_rays);
     params.fit_rays = value("SHADOW").map_or(params.fit_rays, |v| v as u32);
     share("NEAR", &mut params.near.ratio);
     share("DETAIL", &mut params.near.detail_share);
+    size("MAXD", &mut params.near.max_details);
     count("DROUNDS", &mut params.near.detail_rounds);
     count("ROUNDS", &mut params.near.rounds);
     share("SMOOTH", &mut params.gather_fit.smoothing);
@@ -109,5 +111,7 @@ fn budgets(quality: Quality) -> SolveParams {
     count("FITR", &mut params.fit_rays);
     count("SEED", &mut params.seed);
     count("LIGHT", &mut params.caustic.max_rays);
+    share("CNOISE", &mut params.caustic.noise);
+    size("CMAXV", &mut params.caustic.density.max_vertices);
     params
 }

@@ -515,7 +515,7 @@ impl Tally {
     /// larger, whatever it found.
     fn systematic(&mut self, number: u32, count: u32, found: Rgb) {
         if number <= count / 2 * 2 {
-            self.split += if number % 2 == 0 { found } else { -found } * 2.0;
+            self.split += if number.is_multiple_of(2) { found } else { -found } * 2.0;
         }
     }
 
