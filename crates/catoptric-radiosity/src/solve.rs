@@ -181,6 +181,8 @@ const SHORT_EDGE: f32 = 0.125;
 const SOURCE_CELL: f32 = 0.25;
 /// … and gathers in cubes of this.
 const GATHER_CELL: f32 = 0.125;
+/// Triangles of the author that hold light, for each that walls are cut into.
+const OWN_PER_TRIANGLE: usize = 40;
 /// Triangles that details may add, per triangle of the budget, at most.
 const DETAILS_PER_TRIANGLE: usize = 18;
 /// Most vertices that shadows may add in large scenes, as a multiple of the budget.
@@ -197,8 +199,9 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
 
     // Cut the diffuse surfaces into triangles.
     progress.begin("mesh", 1);
-    let spacing = spacing(tracer, params.base_triangles);
-    let (mut draft, patches) = coarse_patches(tracer, params.base_triangles);
+    let base_triangles = lattice_budget(params.base_triangles, diffuse_triangles(tracer).count());
+    let spacing = spacing(tracer, base_triangles);
+    let (mut draft, patches) = coarse_patches(tracer, base_triangles);
     let base = draft.display(tracer);
     let of_element: Vec<PatchId> = base.roots.iter().map(|&r| patches.of_root[r as usize]).collect();
     report.patches = patches.len();
@@ -368,13 +371,24 @@ pub fn coarse_patches(tracer: &Tracer, count: usize) -> (Draft, PatchMesh) {
 /// Edge length for which the diffuse area gives about `count` triangles.
 fn spacing(tracer: &Tracer, count: usize) -> f32 {
     let scene = tracer.scene();
-    let area: f64 = (0..scene.triangles().len())
-        .map(|t| TriangleId(t as u32))
-        .filter(|&t| scene.material_of(t).may_be_diffuse())
+    let area: f64 = diffuse_triangles(tracer)
         .map(|t| f64::from(scene.area(t)) * if tracer.has_back(t) { 2.0 } else { 1.0 })
         .sum();
     // A right triangle with legs h has the area h²/2.
     ((2.0 * area / count.max(1) as f64).sqrt() as f32).max(f32::MIN_POSITIVE)
+}
+
+/// The author's triangles that hold light.
+fn diffuse_triangles(tracer: &Tracer) -> impl Iterator<Item = TriangleId> {
+    let scene = tracer.scene();
+    let all = (0..scene.triangles().len() as u32).map(TriangleId);
+    all.filter(|&t| scene.material_of(t).may_be_diffuse())
+}
+
+/// Triangles of walls: a share of the author's own where that is more than the budget. Among so many, twice as many of ours cost
+/// little.
+fn lattice_budget(budget: usize, own: usize) -> usize {
+    (own / OWN_PER_TRIANGLE).clamp(budget, 2 * budget)
 }
 
 /// Vertices that shadows may add: `least`, more where many things cast shadows.
@@ -481,4 +495,19 @@ fn from_patches(
     let mesh = if rule == Reconstruction::Flat { unshared(mesh) } else { mesh.clone() };
     let [direct, mirrored, caustic, indirect, punctual] = shown;
     Solution { mesh, irradiance: [direct, mirrored, caustic, indirect], punctual, ..Solution::default() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn budgets_follow_what_the_author_has_made_within_bounds() {
+        // A simple room, one whose own triangles outnumber the budget forty times and a half, and a city.
+        assert_eq!([100, 12_000, 10_000_000].map(|own| lattice_budget(200, own)), [200, 300, 400]);
+        assert_eq!(
+            [100, 36_000, 10_000_000].map(|base| vertex_budget(10_000, base)),
+            [10_000, 12_000, 40_000]
+        );
+    }
 }
