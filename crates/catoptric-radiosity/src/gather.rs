@@ -28,6 +28,8 @@ pub struct Gathered {
     pub caustic: Rgb,
     /// Light from other diffuse surfaces.
     pub indirect: Rgb,
+    /// Variance of their sum, channels added.
+    pub noise: f32,
     /// Where the power went, if the rays were sent from here.
     pub ledger: Ledger,
 }
@@ -111,7 +113,7 @@ pub fn gather_part(
     // Broad emitters: their unoccluded irradiance is known exactly and serves as control variate.
     let controlled = !coated && receiver.media == MediumStack::AIR && !lights.emitters().broad().is_empty();
     let mut halves = [Half::default(); 2];
-    let (mut before, mut shares) = (Rgb::ZERO, 0.0_f32);
+    let mut before = Rgb::ZERO;
     let rays = part.len() as u32;
     for index in part.clone() {
         let half = usize::from(2 * (index - part.start) >= rays);
@@ -119,12 +121,12 @@ pub fn gather_part(
             if controlled && half == 1 { key.child(SECOND_HALF).point2(index) } else { key.point2(index) };
         // What the ray counts, beside π/N.
         let (point, share) = guide.map_or((point, 1.0), |guide| guide.warp(point));
-        shares += share;
         let local = cosine_hemisphere(point);
         let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
         if direction.dot(receiver.geometric) <= 0.0 {
             // Below the surface itself: nothing arrives.
             ledger.absorbed += Rgb::splat(share).as_dvec3();
+            halves[half].add(Rgb::ZERO, share);
             note(point, 0.0);
             continue;
         }
@@ -166,27 +168,38 @@ pub fn gather_part(
         before = total;
         let single = found.element_sum() / share;
         note(point, single);
+        halves[half].add(found, share);
         if controlled {
             let control = lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
-            halves[half].add(single, control, share);
+            halves[half].compare(single, control, share);
         }
     }
     let each = PI / rays.max(1) as f32;
     for sum in [&mut result.direct, &mut result.mirrored, &mut result.caustic, &mut result.indirect] {
         *sum *= each;
     }
+    let mut found = halves.each_ref().map(|half| half.found * each);
     if let Some(guide) = guide {
-        result.add(guide.expected(), 1.0 - shares / rays.max(1) as f32);
+        for (found, half) in found.iter_mut().zip(&halves) {
+            let missing = (half.rays - half.shares) / rays.max(1) as f32;
+            result.add(guide.expected(), missing);
+            *found += guide.expected().total() * missing;
+        }
     }
     if controlled {
         let exact = lights.broad_unoccluded(receiver);
         // Each half is corrected with the coefficient of the other, so that no sample decides its own weight; with its own
         // where the other met no broad emitter.
-        for (own, other) in [(0, 1), (1, 0)].map(|(own, other)| (&halves[own], &halves[other])) {
+        for (k, (own, other)) in [(0, 1), (1, 0)].map(|(a, b)| (&halves[a], &halves[b])).iter().enumerate() {
             let missing = exact * (own.weight / rays.max(1) as f32) - own.control * each;
-            result.direct += missing * other.coefficient().or(own.coefficient()).unwrap_or(1.0);
+            let missing = missing * other.coefficient().or(own.coefficient()).unwrap_or(1.0);
+            result.direct += missing;
+            found[k] += missing;
         }
     }
+    // Half of what one half found beyond the other is the deviation of their mean.
+    let [one, other] = [0, 1].map(|k| found[k] * (rays as f32 / halves[k].rays));
+    result.noise = if rays > 1 { 0.25 * (one - other).length_squared() } else { 0.0 };
     result.ledger = ledger;
     result
 }
@@ -195,10 +208,15 @@ pub fn gather_part(
 /// know of each other, and short ones leaned (furnace_mirror was 0.3 % too dark by 16 rays).
 const SECOND_HALF: u32 = 1 << 30;
 
-/// Sums over half of the rays of a gather, for the control variate.
+/// Sums over half of the rays of a gather.
 #[derive(Clone, Copy, Debug, Default)]
 struct Half {
-    /// Σ w: the number of rays where no guide changes what they count.
+    rays: f32,
+    /// What they count: their number where no guide changes it.
+    shares: f32,
+    /// Σ wf.
+    found: Rgb,
+    /// Σ w of those that the control variate was asked about.
     weight: f32,
     /// Σ wg.
     control: Rgb,
@@ -207,8 +225,17 @@ struct Half {
 }
 
 impl Half {
+    /// A ray that counts `share`, and brought `found` with it.
     #[inline]
-    fn add(&mut self, found: f32, control: Rgb, weight: f32) {
+    fn add(&mut self, found: Rgb, share: f32) {
+        self.rays += 1.0;
+        self.shares += share;
+        self.found += found;
+    }
+
+    /// What a control variate says to what was found, channels summed.
+    #[inline]
+    fn compare(&mut self, found: f32, control: Rgb, weight: f32) {
         let (f, g) = (f64::from(found), f64::from(control.element_sum()));
         self.weight += weight;
         self.control += control * weight;
@@ -235,6 +262,7 @@ impl Gathered {
         self.mirrored += other.mirrored * share;
         self.caustic += other.caustic * share;
         self.indirect += other.indirect * share;
+        self.noise += other.noise * share * share;
     }
 
     /// The light of this gather and another, of which this one counts by a share; ledgers stay apart.

@@ -222,3 +222,62 @@ fn gathered_light_is_what_the_closed_forms_say() {
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
+
+/// What a gather says of its own noise, against what gathers with other keys differ by. An edge that crosses strata has the variance
+/// V(n) ∝ n^-3/2, of which the halves of n rays say 1.8 times as much: V(n/2) (1 − r)/2 where r, the correlation of the
+/// halves, is given by V(n) = V(n/2) (1 + r)/2. Where strata follow the edges it may be several times as much; the mean of all cases is not.
+#[test]
+fn gathers_know_their_noise() {
+    let mut logarithms: Vec<f64> = Vec::new();
+    for case in cases() {
+        let scene = scene(&case, false);
+        let tracer = Tracer::new(&scene);
+        let lights = Lights::new(&tracer, LightParams::default());
+        let at = receiver(&tracer);
+        let (draft, _) = coarse_patches(&tracer, 50);
+        let shown = draft.display(&tracer);
+        let irradiance = vec![Rgb::splat(2.0 * PI as f32); shown.mesh.vertices.len()];
+        let light = DiffuseLight { mesh: &shown.mesh, irradiance: &irradiance };
+        for rays in [16, 17, 64] {
+            let seeds = 0..400;
+            let (mut sum, mut squares, mut told) = (DVec3::ZERO, 0.0, 0.0);
+            for seed in seeds.clone() {
+                let key = Key::new(seed, Purpose::Test, 11);
+                let found = gather(&lights, &light, &at, rays, key, &WalkParams::default());
+                let total = (found.direct + found.mirrored + found.caustic + found.indirect).as_dvec3();
+                sum += total;
+                squares += total.length_squared();
+                told += f64::from(found.noise);
+            }
+            let count = seeds.len() as f64;
+            let ratio = told / (squares - sum.length_squared() / count);
+            assert!((0.5..10.0).contains(&ratio), "{}, {rays} rays: {ratio} times", case.name);
+            logarithms.push(libm::log(ratio));
+        }
+    }
+    let mean = libm::exp(logarithms.iter().sum::<f64>() / logarithms.len() as f64);
+    assert!((1.0..3.0).contains(&mean), "{mean} times the variance");
+}
+
+/// Where every ray finds the same there is no noise, not even by an odd ray: halves are compared by their means.
+#[test]
+fn a_furnace_has_no_noise() {
+    let mut parts = SceneParts::default();
+    let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+    parts.add_box("room", white, Vec3::ZERO, Vec3::new(3.0, 2.0, 4.0), true);
+    let scene = Scene::new(parts).expect("a valid scene");
+    let tracer = Tracer::new(&scene);
+    let lights = Lights::new(&tracer, LightParams::default());
+    let on = TriangleId(0);
+    let at = Receiver::on(&tracer, on, Side::Front, Barycentric { u: 0.3, v: 0.2 });
+    let (draft, _) = coarse_patches(&tracer, 50);
+    let shown = draft.display(&tracer);
+    let irradiance = vec![Rgb::ONE; shown.mesh.vertices.len()];
+    let light = DiffuseLight { mesh: &shown.mesh, irradiance: &irradiance };
+    for rays in [1, 2, 5, 16] {
+        let found = gather(&lights, &light, &at, rays, Key::new(3, Purpose::Test, 0), &WalkParams::default());
+        assert!((found.indirect - Rgb::splat(0.5)).length() < 1e-5, "{rays} rays find {}", found.indirect);
+        // Sums of a few f32.
+        assert!(found.noise < 1e-12, "{rays} rays: {}", found.noise);
+    }
+}

@@ -240,7 +240,8 @@ fn fit_terms(
     };
     let lit: Vec<(usize, Vec<Rgb>, Vec<Rgb>)> = (0..4).filter_map(found).collect();
     let together: Vec<FitTerm> = lit.iter().map(|(_, values, prior)| FitTerm { values, prior }).collect();
-    let fitted = fit(&FitMesh::new(mesh), samples, &together, &vertices.trust, &[], params);
+    let noise: Vec<f32> = vertices.gathered.iter().map(|g| g.noise).collect();
+    let fitted = fit(&FitMesh::new(mesh), samples, &together, &vertices.trust, &noise, params);
     for ((term, ..), fitted) in lit.iter().zip(fitted) {
         for (&v, fitted) in origin.iter().zip(fitted) {
             if let Some(terms) = &mut terms[v as usize] {
