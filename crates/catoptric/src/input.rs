@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use catoptric_image::{Image, ReadLimits};
-use catoptric_scene::gltf::{AnimatedCameras, Asset, LoadOptions, Loaded, load};
+use catoptric_scene::gltf::{AnimatedCameras, Asset, LoadError, LoadOptions, Loaded, load};
 use catoptric_scene::{Photometry, Radiance, Scene, SceneHash, Sky, SkyImage};
 use catoptric_solution::Solution;
 use catoptric_solution::file::{self, Saved};
@@ -49,18 +49,17 @@ impl Input {
         light: Light,
     ) -> Result<Self, Failure> {
         let photometry = photometry.iter().map(read_photometry).collect::<Result<_, Failure>>()?;
-        let loaded = open_with(path, &LoadOptions { photometry, ..LoadOptions::default() })?;
-        let (saved, light_file) = match light {
-            Light::New | Light::Own => (saved(&loaded.asset, path)?, path),
+        let options = LoadOptions { photometry, ..LoadOptions::default() };
+        let open = || open(path, |path| load(path, &options));
+        let (loaded, saved, light_file) = match light {
+            Light::New | Light::Own => {
+                let loaded = open()?;
+                let saved = saved(&loaded.asset, path)?;
+                (loaded, saved, path)
+            }
             Light::Beside(beside) => {
-                let saved = saved(&open(beside)?.asset, beside)?;
-                if saved.is_none() {
-                    return Err(Failure::run(
-                        format_args!("{}: is a scene without a solution", beside.display()),
-                        format_args!("make one: catoptric solve {} -o solved.glb", path.display()),
-                    ));
-                }
-                (saved, beside)
+                let (loaded, saved) = rayon::join(open, || saved_beside(path, beside));
+                (loaded?, Some(saved?), beside)
             }
         };
         let Loaded { scene, asset, cameras, warnings } = loaded;
@@ -87,11 +86,6 @@ impl Input {
     }
 }
 
-/// Loads a file; one that is not there is looked for under similar names.
-fn open(path: &Path) -> Result<Loaded, Failure> {
-    open_with(path, &LoadOptions::default())
-}
-
 /// The name of a light and the text of its file.
 fn read_photometry(of: &LightFile) -> Result<(String, String), Failure> {
     let shown = of.file.display();
@@ -115,7 +109,8 @@ fn read_photometry(of: &LightFile) -> Result<(String, String), Failure> {
 /// Bytes of a photometric file, at most.
 const MAX_PHOTOMETRY: u64 = 16 << 20;
 
-fn open_with(path: &Path, options: &LoadOptions) -> Result<Loaded, Failure> {
+/// Reads a file; one that is not there is looked for under similar names.
+fn open<T>(path: &Path, read: impl FnOnce(&Path) -> Result<T, LoadError>) -> Result<T, Failure> {
     if !path.exists() {
         let message = format!("{}: no such file", path.display());
         return Err(match similar_file(path) {
@@ -123,7 +118,18 @@ fn open_with(path: &Path, options: &LoadOptions) -> Result<Loaded, Failure> {
             None => Failure::Run(message),
         });
     }
-    load(path, options).map_err(|error| Failure::Run(error.to_string()))
+    read(path).map_err(|error| Failure::Run(error.to_string()))
+}
+
+/// The solution in a file of its own for the scene in `path`.
+fn saved_beside(path: &Path, beside: &Path) -> Result<Saved, Failure> {
+    let asset = open(beside, |beside| Asset::read(beside, &LoadOptions::default()))?;
+    saved(&asset, beside)?.ok_or_else(|| {
+        Failure::run(
+            format_args!("{}: is a scene without a solution", beside.display()),
+            format_args!("make one: catoptric solve {} -o solved.glb", path.display()),
+        )
+    })
 }
 
 /// A scene in the same folder whose name is close.

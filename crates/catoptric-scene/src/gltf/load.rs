@@ -48,6 +48,17 @@ pub fn load_asset(asset: Asset, name: &Path, options: &LoadOptions) -> Result<Lo
     read_scene(asset, name, options, Report::new(name))
 }
 
+impl Asset {
+    /// Reads a file with all that it refers to, but makes no scene of it.
+    pub fn read(path: &Path, options: &LoadOptions) -> Result<Self, LoadError> {
+        let report = Report::new(path);
+        match read_asset(path, options, &report) {
+            Some(asset) => report.finish().map(|_| asset),
+            None => Err(failed(report)),
+        }
+    }
+}
+
 /// The problems, of which there must be one.
 fn failed(report: Report) -> LoadError {
     if !report.has_problems() {
