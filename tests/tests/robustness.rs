@@ -242,7 +242,9 @@ fn a_hundred_thousand_tiny_quads_cost_a_budget() {
     let dust = picture("dust", parts);
     assert!(dust.mean() > 0.0);
     let rays: u64 = dust.report.rays.iter().map(|r| r.1).sum();
-    assert!(rays < 4_000_000, "{rays} rays");
+    // Of shared vertices and of walls, which get twice the budget among so many. Each vertex by itself, 400 000 would take 16 shadow
+    // rays and 96 of a gather, 45 million in all.
+    assert!(rays < 5_000_000, "{rays} rays");
 }
 
 #[test]
