@@ -65,7 +65,7 @@ impl RenderParams {
         let (edge_samples, most_samples, noise, roulette_below) = match quality {
             Quality::Sketch => (4, 4, 0.03, 5e-3),
             Quality::Draft => (4, 64, 0.025, 2e-3),
-            Quality::Standard => (4, 64, 0.02, 5e-4),
+            Quality::Standard => (4, 64, 0.015, 5e-4),
             Quality::High => (16, 256, 0.01, 5e-4),
         };
         Self {
