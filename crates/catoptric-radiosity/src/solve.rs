@@ -84,7 +84,7 @@ impl SolveParams {
             Quality::High => (2, 5, 0.7),
         };
         let (max_vertices, tolerance, blur, shadow_rays, inside_rounds) = match quality {
-            Quality::Sketch => (4_000, 0.1, 0.06, 8, 0),
+            Quality::Sketch => (4_000, 0.06, 0.04, 8, 0),
             Quality::Draft => (8_000, 0.06, 0.06, 16, 0),
             Quality::Standard => (10_000, 0.02, 0.03, 32, 1),
             Quality::High => (30_000, 0.008, 0.015, 64, 2),
@@ -112,7 +112,7 @@ impl SolveParams {
             row_rays,
             gather_rays,
             vertex_rays,
-            gather_points: 4.0,
+            gather_points: if quality == Quality::Sketch { 3.0 } else { 4.0 },
             near: NearParams {
                 ratio: 1.2,
                 rounds: near_rounds,
