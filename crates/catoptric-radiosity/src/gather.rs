@@ -15,6 +15,7 @@ use catoptric_trace::sequence::{Key, cosine_hemisphere, frame};
 use catoptric_trace::walk::{self, Arrival, End, WalkParams};
 use catoptric_trace::{Chain, Hit, Ledger, MediumId, MediumStack, Ray, Tracer};
 
+use crate::fit::variance_of_halves;
 use crate::guide::Guide;
 
 /// Irradiance that hemisphere rays found, by the class of the path from its source.
@@ -190,16 +191,18 @@ pub fn gather_part(
         let exact = lights.broad_unoccluded(receiver);
         // Each half is corrected with the coefficient of the other, so that no sample decides its own weight; with its own
         // where the other met no broad emitter.
-        for (k, (own, other)) in [(0, 1), (1, 0)].map(|(a, b)| (&halves[a], &halves[b])).iter().enumerate() {
+        for k in 0..2 {
+            let (own, other) = (&halves[k], &halves[1 - k]);
             let missing = exact * (own.weight / rays.max(1) as f32) - own.control * each;
             let missing = missing * other.coefficient().or(own.coefficient()).unwrap_or(1.0);
             result.direct += missing;
             found[k] += missing;
         }
     }
-    // Half of what one half found beyond the other is the deviation of their mean.
-    let [one, other] = [0, 1].map(|k| found[k] * (rays as f32 / halves[k].rays));
-    result.noise = if rays > 1 { 0.25 * (one - other).length_squared() } else { 0.0 };
+    if rays > 1 {
+        let [one, other] = [0, 1].map(|k| found[k] * (rays as f32 / halves[k].rays));
+        result.noise = variance_of_halves(one - other);
+    }
     result.ledger = ledger;
     result
 }
@@ -275,7 +278,7 @@ impl Gathered {
 
     /// All classes.
     #[inline]
-    fn total(&self) -> Rgb {
+    pub fn total(&self) -> Rgb {
         self.direct + self.mirrored + self.caustic + self.indirect
     }
 

@@ -12,7 +12,7 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use crate::JOB;
 use crate::allocation::HIDDEN_TRUST;
 use crate::draft::{Displayed, Draft, drawn_inside};
-use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit};
+use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit, variance_of_halves};
 use crate::refine::{Field, mean};
 use crate::solve::SolveParams;
 
@@ -72,7 +72,7 @@ impl<'a> SourceField<'a> {
         if self.lights.has_sources() {
             let found = area_sources(self.lights, receiver, self.params.shadow_rays, calm, key, &mut scratch);
             [light.direct, light.mirrored] = found.map(|f| f.irradiance);
-            light.noise = found.map(|f| 0.25 * f.split.length_squared());
+            light.noise = found.map(|f| variance_of_halves(f.split));
             light.calm = found.iter().all(|f| f.even);
         }
         let punctual = self.lights.punctual(receiver, &mut scratch);

@@ -173,7 +173,7 @@ pub(crate) fn final_gather(
 
     let mut known: Vec<Option<Rgb>> = vec![None; draft.vertices.len()];
     for (&v, g) in origin.iter().zip(&vertices.gathered).filter(|(v, _)| !hidden[**v as usize]) {
-        known[v as usize] = Some(g.direct + g.mirrored + g.caustic + g.indirect);
+        known[v as usize] = Some(g.total());
     }
     beside_hidden(draft, &mut known);
     let looked_at = sight.spread(&known);

@@ -69,7 +69,7 @@ fn bend(mesh: &DisplayMesh, sides: &[[u32; 3]]) -> Option<Bend> {
 
 /// Noise bends light farther than independent noise at the vertices would: fits overshoot from one vertex to the next. On
 /// oscillations the mass matrix of hat functions is half of its diagonal.
-pub(super) const OVERSHOOT: f32 = 2.0;
+const OVERSHOOT: f32 = 2.0;
 
 /// A bend counts for itself with this share beside the mean of those around it: edges of shadows stay sharp.
 const OWN_SHARE: f32 = 0.5;
