@@ -66,9 +66,10 @@ impl Obstacles {
         found.into_iter().map(Option::unwrap_or_default).collect()
     }
 
-    /// The contact lines on a face: every triangle that is not its own and touches or crosses it from the face's side, and
-    /// the outlines of what hangs parallel before it, nearer than a share of the edge length, like pictures and mirrors:
-    /// what is behind them is dark, and nobody sees it. Nothing where there are more than `limit`.
+    /// The contact lines on a face: every triangle that is not its own and touches or crosses it from the face's side, the
+    /// outlines of what hangs parallel before it, nearer than a share of the edge length, like pictures and mirrors (what is
+    /// behind them is dark, and nobody sees it), and the edges on which something stands just before it. Nothing where there
+    /// are more than `limit`; what stands without touching is left out first.
     fn segments(
         &self,
         scene: &Scene,
@@ -100,12 +101,14 @@ impl Obstacles {
         let mut segments = Distinct::new(tolerance);
         // The two sides of a plate have one outline: apart, or each edge of it would lie between two triangles.
         let mut hanging: [Vec<[DVec2; 3]>; 2] = [Vec::new(), Vec::new()];
+        let mut feet = Feet { gap: SHORT * spacing, tolerance, edges: Vec::new() };
         for id in near.into_iter().map(TriangleId) {
             if face.triangles.binary_search(&id).is_ok() {
                 continue;
             }
             let corners = scene.corners(id).map(|c| c.as_dvec3());
             let heights = corners.map(|c| frame.height(c));
+            feet.push(&corners, &heights.map(|h| h * side));
             let rises = heights.iter().any(|h| h * side > tolerance);
             let flat = heights.iter().all(|h| h.abs() <= tolerance);
             if flat {
@@ -122,21 +125,34 @@ impl Obstacles {
         for segment in hanging.iter().flat_map(|side| outline(side, tolerance)) {
             segments.push(segment);
         }
+        let touching = segments.list.len();
+        for edge in feet.standing() {
+            segments.push(edge.map(|p| frame.flat(p)));
+        }
         // What lies on the face, piece by piece.
         let level = |p: DVec2| p.extend(0.0);
         let pieces = BoxTree::new(
             own.iter().map(|[a, b, c]| [a.min(*b).min(*c), a.max(*b).max(*c)].map(|p| level(p).as_vec3())),
         );
         let mut clipped = Distinct::new(tolerance);
-        for segment in &segments.list {
+        let mut sure = 0;
+        for (index, segment) in segments.list.iter().enumerate() {
             let [a, b] = *segment;
             for piece in pieces.overlapping(level(a.min(b)) - tolerance, level(a.max(b)) + tolerance) {
                 if let Some(part) = clip(segment, &own[piece as usize], tolerance) {
                     clipped.push(part);
                 }
             }
-            if clipped.list.len() > limit {
-                return None;
+            let is_crowded = clipped.list.len() > limit;
+            if index < touching {
+                if is_crowded {
+                    return None;
+                }
+                sure = clipped.list.len();
+            } else if is_crowded {
+                // What only nearly touches gives way to what does.
+                clipped.list.truncate(sure);
+                break;
             }
         }
         Some(clipped.list)
@@ -145,6 +161,62 @@ impl Obstacles {
 
 /// What hangs parallel before a face nearer than this share of the edge length leaves its outline there.
 const HANGING: f64 = 0.2;
+
+/// What stands before a face with an edge nearer than this share of the edge length touches it, as the mesh sees it: light
+/// differs as much between its two sides, and what passes below is narrower than elements.
+const SHORT: f64 = 0.05;
+/// Sine of the angle by which it rises, at least: the facets at the foot of a ball do not stand on their edges.
+const STEEP: f64 = 0.3;
+
+/// Edges near a face, to find those on which something stands: cards, mirrors that lean, legs that end just above the floor.
+struct Feet {
+    /// Edges are near below this height, metres.
+    gap: f64,
+    tolerance: f64,
+    /// Edges by the bits of their ends, with what is known of each from one triangle.
+    edges: Vec<([[u64; 3]; 2], Foot)>,
+}
+
+/// How a triangle lies beside one of its edges.
+#[derive(Clone, Copy)]
+enum Foot {
+    /// It rises from the edge steeply.
+    Standing,
+    /// It reaches below the edge: nothing ends here.
+    Below,
+}
+
+impl Feet {
+    /// Adds the edges of a triangle, whose corners are at `heights` metres before the face.
+    fn push(&mut self, corners: &[DVec3; 3], heights: &[f64; 3]) {
+        for k in 0..3 {
+            let (a, b, apex) = (k, (k + 1) % 3, (k + 2) % 3);
+            let is_near = |h: f64| (-self.tolerance..self.gap).contains(&h);
+            if !is_near(heights[a]) || !is_near(heights[b]) {
+                continue;
+            }
+            let along = corners[b] - corners[a];
+            let across = along.cross(corners[apex] - corners[a]).length() / along.length();
+            let foot = if heights[apex] - heights[a].max(heights[b]) > STEEP * across {
+                Foot::Standing
+            } else if heights[apex] < heights[a].min(heights[b]) - self.tolerance {
+                Foot::Below
+            } else {
+                continue;
+            };
+            let ends = [a, b].map(|i| corners[i].to_array().map(f64::to_bits));
+            self.edges.push(([ends[0].min(ends[1]), ends[0].max(ends[1])], foot));
+        }
+    }
+
+    /// The edges from which all triangles that share them rise.
+    fn standing(mut self) -> Vec<[DVec3; 2]> {
+        self.edges.sort_unstable_by_key(|&(ends, _)| ends);
+        let alike = self.edges.chunk_by(|a, b| a.0 == b.0);
+        let standing = alike.filter(|edge| edge.iter().all(|(_, foot)| matches!(foot, Foot::Standing)));
+        standing.map(|edge| edge[0].0.map(|bits| DVec3::from_array(bits.map(f64::from_bits)))).collect()
+    }
+}
 
 /// Contact lines on a face for each square of the edge length that it covers, and one more, at most.
 const SEGMENTS_PER_SQUARE: f64 = 100.0;
@@ -305,5 +377,39 @@ mod tests {
         assert!((4..=8).contains(&on_floor(plate)), "{}", on_floor(plate));
         let ball = |p: &mut SceneParts, m| p.add_sphere("ball", m, Vec3::new(2.0, 0.301, 2.0), 0.3, 24);
         assert_eq!(on_floor(ball), 0);
+    }
+
+    /// A card that leans with its edge just above the floor parts what is before it from what is behind it, as one that
+    /// touches does; one at the height of a hand does not. The foot of a tube is one line, however finely its wall is
+    /// divided.
+    #[test]
+    fn what_ends_just_above_a_face_stands_on_it() {
+        let card = |height: f32| {
+            on_floor(move |p, m| {
+                p.add_quad("card", m, Vec3::new(1.0, height, 1.0), Vec3::new(0.4, 1.0, 0.0), Vec3::Z);
+            })
+        };
+        // The line crosses the floor's diagonal at most once.
+        let touching = card(0.0);
+        assert!((1..=2).contains(&touching), "{touching}");
+        assert_eq!(card(0.004), touching);
+        assert_eq!(card(0.1), 0);
+        let tube = |rings: u16| {
+            on_floor(move |p, m| {
+                for ring in 0..rings {
+                    let (low, rise) =
+                        (0.002 + 0.04 * f32::from(ring) / f32::from(rings), 0.04 / f32::from(rings));
+                    let corners =
+                        [Vec3::X, Vec3::Z, -Vec3::X, -Vec3::Z].map(|p| Vec3::new(3.0, low, 1.0) + 0.5 * p);
+                    for k in 0..4 {
+                        let next = corners[(k + 1) % 4];
+                        p.add_quad("tube", m, corners[k], next - corners[k], Vec3::Y * rise);
+                    }
+                }
+            })
+        };
+        let one = tube(1);
+        assert!((4..=8).contains(&one), "{one}");
+        assert_eq!(tube(7), one);
     }
 }
