@@ -148,6 +148,11 @@ impl Cell {
         u >= 0.0 && v >= 0.0 && if self.parallelogram { u <= 1.0 && v <= 1.0 } else { u + v <= 1.0 }
     }
 
+    /// One of its triangles.
+    pub(crate) fn triangle(&self) -> TriangleId {
+        self.triangles[0]
+    }
+
     pub(crate) fn centroid(&self) -> DVec3 {
         let [a, b] = self.edges;
         self.corner + if self.parallelogram { (a + b) * 0.5 } else { (a + b) / 3.0 }

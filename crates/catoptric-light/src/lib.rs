@@ -5,6 +5,7 @@
 pub mod chains;
 pub mod contour;
 pub mod emitter;
+pub mod glint;
 pub mod irradiance;
 pub mod lamp;
 pub mod light_tree;
@@ -15,6 +16,7 @@ pub mod sky;
 
 pub use chains::{ImageChain, ImageChains};
 pub use emitter::Emitters;
+pub use glint::Glint;
 pub use irradiance::{LightParams, Lights};
 pub use owner::{Owner, PathClass, Source};
 pub use receiver::Receiver;

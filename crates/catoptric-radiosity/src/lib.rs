@@ -6,6 +6,7 @@ mod allocation;
 pub mod caustic;
 pub mod coarse;
 pub mod contact;
+mod detail;
 pub mod draft;
 pub mod face;
 pub mod face_grid;

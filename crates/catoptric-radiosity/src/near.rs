@@ -8,6 +8,7 @@ use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose};
 
 use crate::JOB;
+use crate::detail::{Detail, Details};
 use crate::draft::{Displayed, Draft};
 use crate::gather::{Surroundings, look_around};
 
@@ -32,19 +33,11 @@ const AROUND_FINE: u32 = 8;
 /// Edges below this multiple of the spacing belong to small things.
 const FINE: f32 = 0.25;
 
-/// A place that is seen from something small and near.
-struct Glimpse {
-    /// Base triangle.
-    root: u32,
-    position: Vec3,
-    /// Metres.
-    distance: f32,
-}
-
 /// What the base vertices see.
 pub struct Near {
     around: Vec<Surroundings>,
-    glimpses: Vec<Glimpse>,
+    /// Places that are seen from something small and near, as small as it is near.
+    glimpses: Details,
 }
 
 impl Near {
@@ -59,7 +52,7 @@ impl Near {
                 longest[v] = longest[v].max(length);
             }
         }
-        let found: Vec<(Surroundings, Vec<Glimpse>)> = (0..draft.vertices.len())
+        let found: Vec<(Surroundings, Vec<Detail>)> = (0..draft.vertices.len())
             .into_par_iter()
             .with_min_len(16)
             .with_max_len(JOB)
@@ -74,19 +67,19 @@ impl Near {
                     let side = if hit.back { Side::Back } else { Side::Front };
                     if let Some(located) = base.mesh.locate(hit.triangle, side, position) {
                         let root = base.roots[located.element as usize];
-                        glimpses.push(Glimpse { root, position, distance: hit.t });
+                        glimpses.push(Detail { root, position, size: hit.t });
                     }
                 });
                 (around, glimpses)
             })
             .collect();
-        let mut near = Self { around: Vec::with_capacity(found.len()), glimpses: Vec::new() };
-        for (around, glimpses) in found {
-            near.around.push(around);
-            near.glimpses.extend(glimpses);
+        let mut around = Vec::with_capacity(found.len());
+        let mut glimpses = Vec::new();
+        for (own, seen) in found {
+            around.push(own);
+            glimpses.extend(seen);
         }
-        near.glimpses.sort_by_key(|g| g.root);
-        near
+        Self { around, glimpses: Details::new(glimpses) }
     }
 
     /// Splits edges along which other surfaces are near (the irradiance from them bends on the scale of their distance), and
@@ -131,43 +124,13 @@ impl Near {
         let limit = draft.leaves.len() + details;
         for round in 0..params.detail_rounds {
             let shortest = spacing * 0.5_f32.powi(round as i32 + 1);
-            let marks = self.marks(draft, params.ratio, shortest, limit.saturating_sub(draft.leaves.len()));
+            let room = limit.saturating_sub(draft.leaves.len());
+            let marks = self.glimpses.marks(draft, params.ratio, shortest, room);
             if marks.is_empty() {
                 break;
             }
             draft.split(tracer, &marks);
         }
-    }
-
-    /// Edges of the triangles that are large beside the distance of something small, as many as `room` allows.
-    fn marks(&self, draft: &Draft, ratio: f32, shortest: f32, room: usize) -> Vec<(u32, u32)> {
-        let mut large: Vec<(f32, u32)> = draft
-            .leaves
-            .par_iter()
-            .enumerate()
-            .with_min_len(64)
-            .filter_map(|(index, leaf)| {
-                let [a, b, c] = leaf.vertices.map(|v| draft.vertices[v as usize].position);
-                let size = (b - a).length().max((c - b).length()).max((a - c).length());
-                let start = self.glimpses.partition_point(|g| g.root < leaf.root);
-                let own = self.glimpses[start..].iter().take_while(|g| g.root == leaf.root);
-                let nearest = own
-                    .filter(|g| is_inside(g.position, [a, b, c]))
-                    .map(|g| g.distance)
-                    .fold(f32::INFINITY, f32::min);
-                (size > shortest && size > ratio * nearest).then_some((size / nearest, index as u32))
-            })
-            .collect();
-        // The worst first. Each triangle becomes four, and its neighbours are halved.
-        large.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
-        large.truncate(room / 5);
-        large
-            .iter()
-            .flat_map(|&(_, leaf)| {
-                let [a, b, c] = draft.leaves[leaf as usize].vertices;
-                [(a, b), (b, c), (c, a)]
-            })
-            .collect()
     }
 
     /// Which draft vertices nobody can see: all of their base, then those between two hidden ones.
@@ -187,12 +150,6 @@ fn length(draft: &Draft, a: u32, b: u32) -> f32 {
     (draft.vertices[a as usize].position - draft.vertices[b as usize].position).length()
 }
 
-/// Whether the foot of a point's perpendicular on a triangle lies inside of it.
-fn is_inside(point: Vec3, [a, b, c]: [Vec3; 3]) -> bool {
-    let normal = (b - a).cross(c - a);
-    [(a, b), (b, c), (c, a)].iter().all(|(p, q)| (*q - *p).cross(point - *p).dot(normal) >= 0.0)
-}
-
 /// What a vertex sees first.
 fn surroundings(
     tracer: &Tracer,
@@ -209,6 +166,7 @@ fn surroundings(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::detail::is_inside;
     use crate::solve::coarse_patches;
     use catoptric_scene::{Material, Rgb, Scene, SceneParts};
 

@@ -21,7 +21,7 @@ use crate::refine::{RefineParams, Values, refine};
 use crate::rows::{PatchLocator, Row, rows};
 use crate::sharing::Sharing;
 use crate::solver::{SolverParams, Stop};
-use crate::source_light::{SourceField, SourceLight, fit_sources};
+use crate::source_light::{SourceField, SourceLight, fit_sources, split_glints};
 
 /// Parameters of pass one.
 #[derive(Clone, Debug, PartialEq)]
@@ -233,6 +233,9 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         ..params.sources
     };
     if lights.has_sources() || !tracer.scene().lights().is_empty() {
+        if std::env::var("NOGLINT").is_err() {
+            split_glints(&lights, &base, &mut draft, params.seed, source_params.min_edge, base_vertices);
+        }
         refine(tracer, &mut draft, &field, &mut values, &source_params, progress)?;
     } else {
         values.values.resize(base_vertices, Rgb::ZERO);

@@ -11,6 +11,7 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 
 use crate::JOB;
 use crate::allocation::HIDDEN_TRUST;
+use crate::detail::{Detail, Details};
 use crate::draft::{Displayed, Draft, drawn_inside};
 use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit, variance_of_halves};
 use crate::refine::{Field, mean};
@@ -113,6 +114,36 @@ impl Field for SourceField<'_> {
         let receiver = draft.receiver_in_leaf(self.lights.tracer(), leaf, [1.0 / 3.0; 3]);
         let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(leaf) | 1 << 44);
         self.light(&receiver, calm, key).sum()
+    }
+}
+
+/// Rounds in which the elements that hold a glint are halved: to a 64th of a base triangle.
+const GLINT_ROUNDS: u32 = 6;
+
+/// Splits the elements that light over small mirrors falls on to the width of that light, where no vertex may see it: to edges
+/// of `shortest` metres at most, by `room` triangles at most. `base` shows the base mesh.
+pub(crate) fn split_glints(
+    lights: &Lights,
+    base: &Displayed,
+    draft: &mut Draft,
+    seed: u32,
+    shortest: f32,
+    room: usize,
+) {
+    let details = lights.glints(seed).into_iter().filter_map(|glint| {
+        let position = glint.position.as_vec3();
+        let located = base.mesh.locate(glint.triangle, glint.side, position)?;
+        let root = base.roots[located.element as usize];
+        Some(Detail { root, position, size: glint.width as f32 })
+    });
+    let details = Details::new(details.collect());
+    let limit = draft.leaves.len() + room;
+    for _ in 0..GLINT_ROUNDS {
+        let marks = details.marks(draft, 1.0, shortest, limit.saturating_sub(draft.leaves.len()));
+        if marks.is_empty() {
+            return;
+        }
+        draft.split(lights.tracer(), &marks);
     }
 }
 

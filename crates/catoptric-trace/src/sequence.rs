@@ -33,6 +33,8 @@ pub enum Purpose {
     Test = 9,
     /// Samples of a form factor method.
     FormFactor = 10,
+    /// Paths from sources over image chains.
+    Glint = 11,
 }
 
 /// A well-mixed 32-bit hash (the finaliser of Murmur3).
