@@ -2,7 +2,8 @@
 
 use catoptric_solution::DisplayMesh;
 
-use crate::draft::{Displayed, Draft};
+use crate::display::Displayed;
+use crate::draft::Draft;
 use crate::guide::Guide;
 use crate::solve::SolveParams;
 

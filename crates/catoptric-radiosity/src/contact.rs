@@ -1,7 +1,7 @@
 //! Contact lines: where other surfaces touch or cross a face (Baum et al. 1991). Light and shadow end there, so the
 //! mesh must too, with vertices of its own on each side.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -14,6 +14,15 @@ use crate::triangulate::{Points, outline};
 
 /// A segment in the plane coordinates of a face.
 pub type Segment = [DVec2; 2];
+
+/// A contact line.
+#[derive(Clone, Copy, Debug)]
+pub struct Contact {
+    /// Where it lies.
+    pub segment: Segment,
+    /// Distance of what stands or hangs there from the face, metres: 0 where it touches.
+    pub gap: f64,
+}
 
 /// All triangles of a scene, to be asked which are near a face.
 pub struct Obstacles {
@@ -50,15 +59,15 @@ impl Obstacles {
         faces: &[FaceDraft],
         flats: &[Vec<[DVec2; 3]>],
         spacing: f64,
-    ) -> Vec<Vec<Segment>> {
+    ) -> Vec<Vec<Contact>> {
         let worth: Vec<usize> = flats.iter().map(|own| worthwhile(area(own), spacing)).collect();
         let find = |index: usize, limit| self.segments(scene, &faces[index], &flats[index], spacing, limit);
-        let mut found: Vec<Option<Vec<Segment>>> =
+        let mut found: Vec<Option<Vec<Contact>>> =
             (0..faces.len()).into_par_iter().map(|index| find(index, worth[index])).collect();
         let mut crowded: Vec<usize> = (0..faces.len()).filter(|&index| found[index].is_none()).collect();
         crowded.sort_by(|&a, &b| area(&flats[b]).total_cmp(&area(&flats[a])).then(a.cmp(&b)));
         crowded.truncate(MAX_CROWDED);
-        let more: Vec<Option<Vec<Segment>>> =
+        let more: Vec<Option<Vec<Contact>>> =
             crowded.par_iter().map(|&index| find(index, MAX_SEGMENTS)).collect();
         for (index, more) in crowded.into_iter().zip(more) {
             found[index] = more;
@@ -77,7 +86,7 @@ impl Obstacles {
         own: &[[DVec2; 3]],
         spacing: f64,
         limit: usize,
-    ) -> Option<Vec<Segment>> {
+    ) -> Option<Vec<Contact>> {
         if own.is_empty() {
             return Some(Vec::new());
         }
@@ -101,6 +110,7 @@ impl Obstacles {
         let mut segments = Distinct::new(tolerance);
         // The two sides of a plate have one outline: apart, or each edge of it would lie between two triangles.
         let mut hanging: [Vec<[DVec2; 3]>; 2] = [Vec::new(), Vec::new()];
+        let mut lowest = [f64::INFINITY; 2];
         let mut feet = Feet { gap: SHORT * spacing, tolerance, edges: Vec::new() };
         for id in near.into_iter().map(TriangleId) {
             if face.triangles.binary_search(&id).is_ok() {
@@ -113,21 +123,26 @@ impl Obstacles {
             let flat = heights.iter().all(|h| h.abs() <= tolerance);
             if flat {
                 for k in 0..3 {
-                    segments.push([frame.flat(corners[k]), frame.flat(corners[(k + 1) % 3])]);
+                    segments.push([frame.flat(corners[k]), frame.flat(corners[(k + 1) % 3])], 0.0);
                 }
             } else if rises && is_parallel(&corners, &heights, gap, tolerance, side) {
                 let [a, b, c] = corners.map(|c| frame.flat(c));
-                hanging[usize::from((b - a).perp_dot(c - a) < 0.0)].push([a, b, c]);
+                let turned = usize::from((b - a).perp_dot(c - a) < 0.0);
+                hanging[turned].push([a, b, c]);
+                lowest[turned] = heights.iter().map(|h| h * side).fold(lowest[turned], f64::min);
             } else if rises && let Some(segment) = crossing(&corners, &heights, tolerance) {
-                segments.push(segment.map(|p| frame.flat(p)));
+                segments.push(segment.map(|p| frame.flat(p)), 0.0);
             }
         }
-        for segment in hanging.iter().flat_map(|side| outline(side, tolerance)) {
-            segments.push(segment);
+        for (triangles, lowest) in hanging.iter().zip(lowest) {
+            for segment in outline(triangles, tolerance) {
+                segments.push(segment, lowest);
+            }
         }
         let touching = segments.list.len();
         for edge in feet.standing() {
-            segments.push(edge.map(|p| frame.flat(p)));
+            let gap = edge.map(|p| frame.height(p) * side);
+            segments.push(edge.map(|p| frame.flat(p)), gap[0].max(gap[1]).max(0.0));
         }
         // What lies on the face, piece by piece.
         let level = |p: DVec2| p.extend(0.0);
@@ -136,11 +151,11 @@ impl Obstacles {
         );
         let mut clipped = Distinct::new(tolerance);
         let mut sure = 0;
-        for (index, segment) in segments.list.iter().enumerate() {
-            let [a, b] = *segment;
+        for (index, &Contact { segment, gap }) in segments.list.iter().enumerate() {
+            let [a, b] = segment;
             for piece in pieces.overlapping(level(a.min(b)) - tolerance, level(a.max(b)) + tolerance) {
-                if let Some(part) = clip(segment, &own[piece as usize], tolerance) {
-                    clipped.push(part);
+                if let Some(part) = clip(&segment, &own[piece as usize], tolerance) {
+                    clipped.push(part, gap);
                 }
             }
             let is_crowded = clipped.list.len() > limit;
@@ -157,6 +172,33 @@ impl Obstacles {
         }
         Some(clipped.list)
     }
+}
+
+/// The gap at each point that lies on contact lines, the smallest of theirs; elsewhere 0.
+pub(crate) fn gaps_at(points: &[DVec2], contacts: &[Contact], tolerance: f64) -> Vec<f64> {
+    if contacts.iter().all(|c| c.gap == 0.0) {
+        return vec![0.0; points.len()];
+    }
+    let level = |p: DVec2| p.extend(0.0);
+    let tree = BoxTree::new(contacts.iter().map(|c| {
+        let [a, b] = c.segment;
+        [a.min(b), a.max(b)].map(|p| level(p).as_vec3())
+    }));
+    let distance = |p: DVec2, [a, b]: Segment| {
+        let along = b - a;
+        let t = ((p - a).dot(along) / along.length_squared()).clamp(0.0, 1.0);
+        (a + along * t - p).length()
+    };
+    let gap = |&p: &DVec2| {
+        let near = tree.overlapping(level(p) - 2.0 * tolerance, level(p) + 2.0 * tolerance);
+        let own = near
+            .into_iter()
+            .map(|i| contacts[i as usize])
+            .filter(|c| distance(p, c.segment) <= 2.0 * tolerance);
+        let least = own.map(|c| c.gap).fold(f64::INFINITY, f64::min);
+        if least.is_finite() { least } else { 0.0 }
+    };
+    points.iter().map(gap).collect()
 }
 
 /// What hangs parallel before a face nearer than this share of the edge length leaves its outline there.
@@ -249,22 +291,28 @@ fn extent(triangles: &[[DVec2; 3]]) -> DVec2 {
     max - min
 }
 
-/// Segments, each once: soups hold the same triangle many times.
+/// Contact lines, each segment once: soups hold the same triangle many times.
 struct Distinct {
     points: Points,
-    known: BTreeSet<(u32, u32)>,
-    list: Vec<Segment>,
+    known: BTreeMap<(u32, u32), usize>,
+    list: Vec<Contact>,
 }
 
 impl Distinct {
     fn new(tolerance: f64) -> Self {
-        Self { points: Points::new(tolerance), known: BTreeSet::new(), list: Vec::new() }
+        Self { points: Points::new(tolerance), known: BTreeMap::new(), list: Vec::new() }
     }
 
-    fn push(&mut self, segment: Segment) {
+    /// Adds a segment, or lowers the gap of the one that is there.
+    fn push(&mut self, segment: Segment, gap: f64) {
         let [a, b] = segment.map(|p| self.points.id(p));
-        if a != b && self.known.insert((a.min(b), a.max(b))) {
-            self.list.push(segment);
+        if a == b {
+            return;
+        }
+        let index = *self.known.entry((a.min(b), a.max(b))).or_insert(self.list.len());
+        match self.list.get_mut(index) {
+            Some(known) => known.gap = known.gap.min(gap),
+            None => self.list.push(Contact { segment, gap }),
         }
     }
 }
@@ -341,7 +389,7 @@ mod tests {
     use crate::face::faces;
 
     /// Contact lines on the floor below what `build` puts before it.
-    fn on_floor(build: impl Fn(&mut SceneParts, catoptric_scene::MaterialId)) -> usize {
+    fn on_floor(build: impl Fn(&mut SceneParts, catoptric_scene::MaterialId)) -> Vec<Contact> {
         let mut parts = SceneParts::default();
         let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
         parts.add_quad("floor", white, Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
@@ -363,7 +411,7 @@ mod tests {
             .iter()
             .position(|f| f.side == Side::Front && f.triangles.contains(&TriangleId(0)))
             .expect("the floor has a front");
-        lines[floor].len()
+        lines[floor].clone()
     }
 
     /// Behind a plate just before a wall nobody looks; below a ball, of which each facet is nearly level beside the gap, one
@@ -374,9 +422,11 @@ mod tests {
             p.add_box("plate", m, Vec3::new(1.0, 0.01, 1.0), Vec3::new(2.0, 0.05, 2.0), false);
         };
         // Each side lies on two triangles of the floor at most.
-        assert!((4..=8).contains(&on_floor(plate)), "{}", on_floor(plate));
+        let lines = on_floor(plate);
+        assert!((4..=8).contains(&lines.len()), "{lines:?}");
+        assert!(lines.iter().all(|c| (c.gap - 0.01).abs() < 1e-6), "{lines:?}");
         let ball = |p: &mut SceneParts, m| p.add_sphere("ball", m, Vec3::new(2.0, 0.301, 2.0), 0.3, 24);
-        assert_eq!(on_floor(ball), 0);
+        assert!(on_floor(ball).is_empty());
     }
 
     /// A card that leans with its edge just above the floor parts what is before it from what is behind it, as one that
@@ -385,9 +435,11 @@ mod tests {
     #[test]
     fn what_ends_just_above_a_face_stands_on_it() {
         let card = |height: f32| {
-            on_floor(move |p, m| {
+            let lines = on_floor(move |p, m| {
                 p.add_quad("card", m, Vec3::new(1.0, height, 1.0), Vec3::new(0.4, 1.0, 0.0), Vec3::Z);
-            })
+            });
+            assert!(lines.iter().all(|c| (c.gap - f64::from(height)).abs() < 1e-6), "{lines:?}");
+            lines.len()
         };
         // The line crosses the floor's diagonal at most once.
         let touching = card(0.0);
@@ -407,9 +459,19 @@ mod tests {
                     }
                 }
             })
+            .len()
         };
         let one = tube(1);
         assert!((4..=8).contains(&one), "{one}");
         assert_eq!(tube(7), one);
+    }
+
+    #[test]
+    fn points_on_contact_lines_know_the_smallest_gap() {
+        let line = |y: f64, gap| Contact { segment: [DVec2::new(0.0, y), DVec2::new(1.0, y)], gap };
+        let upright = Contact { segment: [DVec2::new(1.0, 0.0), DVec2::new(1.0, 1.0)], gap: 0.02 };
+        let contacts = [line(0.0, 0.01), line(1.0, 0.0), upright];
+        let points = [[0.5, 0.0], [0.5, 0.5], [1.0, 0.0], [1.0, 0.5], [1.0, 1.0]].map(DVec2::from);
+        assert_eq!(gaps_at(&points, &contacts, 1e-6), [0.01, 0.0, 0.01, 0.02, 0.0]);
     }
 }

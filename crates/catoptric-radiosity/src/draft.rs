@@ -12,12 +12,12 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 use catoptric_light::Receiver;
 use catoptric_scene::{Barycentric, TriangleId};
-use catoptric_solution::{DisplayMesh, DisplayVertex, Element, Face, FaceId};
 use catoptric_trace::interaction::Coat;
 use catoptric_trace::plane::bounds_of;
 use catoptric_trace::{MediumId, MediumStack, Tracer};
 
-use crate::contact::Obstacles;
+use crate::contact::{Obstacles, Segment, gaps_at};
+use crate::display::Displayed;
 use crate::face::{FaceDraft, faces};
 use crate::media::find_media;
 use crate::triangulate::{FlatMesh, distinct, triangulate};
@@ -28,8 +28,10 @@ use crate::union::Union;
 pub struct DraftVertex {
     /// Where it is shown.
     pub position: Vec3,
-    /// Where its irradiance is gathered: drawn a little inside its element where the mesh ends.
+    /// Where light of sources is sampled: drawn a little inside its element where the mesh ends.
     pub sample: Vec3,
+    /// Where other light is gathered: there, or farther inside beside a gap.
+    pub outlook: Vec3,
     /// Unit shading normal on its side.
     pub normal: Vec3,
     /// Its face.
@@ -78,22 +80,15 @@ pub struct Draft {
     marked: FxHashSet<(u32, u32)>,
 }
 
-/// A draft as both passes read it.
-#[derive(Clone, Debug)]
-pub struct Displayed {
-    /// The mesh.
-    pub mesh: DisplayMesh,
-    /// Draft vertex of each mesh vertex.
-    pub origin: Vec<u32>,
-    /// Base triangle of each element.
-    pub roots: Vec<u32>,
-    /// Leaf of each element.
-    pub leaves: Vec<u32>,
-}
-
 /// Share of the way to the element's centre by which gathering points of border vertices are drawn inside: above f32
 /// rounding at any scale, below what a pixel shows.
 const INSET: f32 = 0.01;
+
+/// Beside what hangs or stands before a face light is gathered as far inside as this multiple of its gap, as the dark that shows through
+/// the gap is narrower than elements: as far as that a tenth of the light from an upright side is missing (1 − 2/√5).
+const BESIDE_GAP: f32 = 2.0;
+/// … but not by more than this share of the way.
+const MAX_INSET: f32 = 0.15;
 
 /// Weights of a random point of an element, drawn inside as far: on a contact line, f32 may round it to the other side.
 pub(crate) fn drawn_inside((u, v): (f32, f32)) -> [f32; 3] {
@@ -126,22 +121,33 @@ impl Draft {
             .collect();
         let spacing_in_f64 = f64::from(spacing);
         let contacts = obstacles.contact_lines(scene, &drafts, &flats, spacing_in_f64);
-        let flat_meshes: Vec<Option<FlatMesh>> = drafts
+        let flat_meshes: Vec<Option<(FlatMesh, Vec<f64>)>> = drafts
             .par_iter()
             .zip(flats.par_iter().zip(&contacts))
             .map(|(face, (flat, contacts))| {
-                (!face.curved).then(|| triangulate(flat, contacts, spacing_in_f64, tolerance))
+                let lines: Vec<Segment> = contacts.iter().map(|c| c.segment).collect();
+                (!face.curved).then(|| {
+                    let mesh = triangulate(flat, &lines, spacing_in_f64, tolerance);
+                    let gaps = gaps_at(&mesh.points, contacts, tolerance);
+                    (mesh, gaps)
+                })
             })
             .collect();
         draft.faces = drafts;
         let mut welded: BTreeMap<[u32; 7], u32> = BTreeMap::new();
+        let mut gap_of: Vec<f64> = Vec::new();
         for index in 0..draft.faces.len() {
             match &flat_meshes[index] {
-                Some(mesh) => draft.push_flat(tracer, index, mesh),
+                Some((mesh, gaps)) => {
+                    gap_of.resize(draft.vertices.len(), 0.0);
+                    gap_of.extend(gaps);
+                    draft.push_flat(tracer, index, mesh);
+                }
                 None => draft.push_curved(tracer, index, &mut welded),
             }
         }
-        draft.inset_borders();
+        gap_of.resize(draft.vertices.len(), 0.0);
+        draft.inset_borders(&gap_of);
         // Long edges of curved meshes are halved until they fit.
         for _ in 0..4 {
             let marks: Vec<(u32, u32)> = draft
@@ -180,6 +186,7 @@ impl Draft {
             vertices.push(DraftVertex {
                 position,
                 sample: position,
+                outlook: position,
                 normal,
                 face: face as u32,
                 triangle: draft.triangle_at(tracer, position),
@@ -223,6 +230,7 @@ impl Draft {
                 self.vertices.push(DraftVertex {
                     position: p,
                     sample: p.lerp(center, INSET),
+                    outlook: p.lerp(center, INSET),
                     normal,
                     face: face as u32,
                     triangle: id,
@@ -237,8 +245,8 @@ impl Draft {
         self.leaves.push(Leaf { vertices, face: face as u32, root, level: 0 });
     }
 
-    /// Draws the gathering points of flat border vertices inside.
-    fn inset_borders(&mut self) {
+    /// Draws the gathering points of flat border vertices inside, farther where a gap is beside them (metres, by vertex).
+    fn inset_borders(&mut self, gaps: &[f64]) {
         let mut count: FxHashMap<(u32, u32), u32> = FxHashMap::default();
         for leaf in &self.leaves {
             for k in 0..3 {
@@ -266,7 +274,11 @@ impl Draft {
         for (index, vertex) in self.vertices.iter_mut().enumerate() {
             let (sum, n) = centers[index];
             if border[index] && n > 0.0 && !self.faces[vertex.face as usize].curved {
-                vertex.sample = vertex.position.lerp(sum / n, INSET);
+                let center = sum / n;
+                let way = (center - vertex.position).length().max(f32::MIN_POSITIVE);
+                let beside = BESIDE_GAP * gaps[index] as f32 / way;
+                vertex.sample = vertex.position.lerp(center, INSET);
+                vertex.outlook = vertex.position.lerp(center, beside.clamp(INSET, MAX_INSET));
             }
         }
     }
@@ -321,20 +333,24 @@ impl Draft {
         let position = (p.position + q.position) * 0.5;
         let on = self.curved_edges.get(&(a, b)).copied().unwrap_or(p.face.min(q.face));
         let face = &self.faces[on as usize];
-        let (triangle, normal, sample) = if face.curved {
+        let (triangle, normal, sample, outlook) = if face.curved {
             let triangle = face.triangles[0];
             let corners = tracer.scene().corners(triangle);
             let center = (corners[0] + corners[1] + corners[2]) / 3.0;
             let normal = (p.normal + q.normal).try_normalize().unwrap_or(p.normal);
-            (triangle, normal, position.lerp(center, INSET))
+            let inside = position.lerp(center, INSET);
+            (triangle, normal, inside, inside)
         } else {
             // Insets are inherited: the mean of the parents' gathering points lies inside where they do.
-            (face.triangle_at(tracer, position), p.normal, (p.sample + q.sample) * 0.5)
+            let middle = |a: Vec3, b: Vec3| (a + b) * 0.5;
+            let triangle = face.triangle_at(tracer, position);
+            (triangle, p.normal, middle(p.sample, q.sample), middle(p.outlook, q.outlook))
         };
         let index = self.vertices.len() as u32;
         self.vertices.push(DraftVertex {
             position,
             sample,
+            outlook,
             normal,
             face: on,
             triangle,
@@ -483,6 +499,13 @@ impl Draft {
         self.receiver_at(tracer, face, v.medium, v.sample, v.normal, v.triangle)
     }
 
+    /// Where a vertex gathers the light of other surfaces.
+    pub fn gatherer(&self, tracer: &Tracer, vertex: u32) -> Receiver {
+        let v = &self.vertices[vertex as usize];
+        let face = &self.faces[v.face as usize];
+        self.receiver_at(tracer, face, v.medium, v.outlook, v.normal, v.triangle)
+    }
+
     /// Where a point inside an element receives light.
     pub fn receiver_inside(
         &self,
@@ -541,56 +564,6 @@ impl Draft {
             coat,
             media: MediumStack::inside(medium),
         }
-    }
-
-    /// The mesh as both passes read it, with the draft's index of each kept vertex and the base triangle of each element.
-    pub fn display(&self, tracer: &Tracer) -> Displayed {
-        let mut kept = vec![u32::MAX; self.vertices.len()];
-        let mut origin = Vec::new();
-        let mut roots = Vec::new();
-        let mut leaves = Vec::new();
-        let mut vertices = Vec::new();
-        let mut elements = Vec::new();
-        let mut faces = Vec::new();
-        let mut face_of = [
-            vec![FaceId::NONE; tracer.scene().triangles().len()],
-            vec![FaceId::NONE; tracer.scene().triangles().len()],
-        ];
-        let mut leaf = 0;
-        for (index, face) in self.faces.iter().enumerate() {
-            let start = elements.len() as u32;
-            while self.leaves.get(leaf).is_some_and(|l| l.face as usize == index) {
-                self.closed(&self.leaves[leaf], |corners| {
-                    let own = corners.map(|v| {
-                        if kept[v as usize] == u32::MAX {
-                            kept[v as usize] = vertices.len() as u32;
-                            origin.push(v);
-                            let vertex = &self.vertices[v as usize];
-                            vertices.push(DisplayVertex {
-                                position: vertex.position,
-                                normal: vertex.normal,
-                                triangle: vertex.triangle,
-                                side: face.side,
-                            });
-                        }
-                        kept[v as usize]
-                    });
-                    elements.push(Element { vertices: own });
-                    roots.push(self.leaves[leaf].root);
-                    leaves.push(leaf as u32);
-                });
-                leaf += 1;
-            }
-            for &triangle in &face.triangles {
-                face_of[face.side.index()][triangle.index()] = FaceId(index as u32);
-            }
-            faces.push(Face {
-                elements: start..elements.len() as u32,
-                origin: face.frame.origin.as_vec3(),
-                axes: face.frame.axes.map(|a| a.as_vec3()),
-            });
-        }
-        Displayed { mesh: DisplayMesh::new(vertices, elements, faces, face_of), origin, roots, leaves }
     }
 }
 

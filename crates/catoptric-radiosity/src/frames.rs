@@ -4,7 +4,8 @@ use catoptric_scene::Rgb;
 use catoptric_solution::{DisplayMesh, Solution, Term};
 
 use crate::coarse::Frame;
-use crate::draft::{Displayed, Draft};
+use crate::display::Displayed;
+use crate::draft::Draft;
 use crate::final_gather::spread;
 use crate::patch::PatchMesh;
 

@@ -3,7 +3,7 @@
 use catoptric_solution::Element;
 use catoptric_trace::sequence::Key;
 
-use crate::draft::Displayed;
+use crate::display::Displayed;
 
 /// Points around a vertex at which it gathers.
 pub(crate) const POINTS_AROUND: u32 = 4;

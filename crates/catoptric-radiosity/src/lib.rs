@@ -7,6 +7,7 @@ pub mod caustic;
 pub mod coarse;
 pub mod contact;
 mod detail;
+pub mod display;
 pub mod draft;
 pub mod face;
 pub mod face_grid;

@@ -9,7 +9,8 @@ use catoptric_trace::sequence::{Key, Purpose};
 
 use crate::JOB;
 use crate::detail::{Detail, Details};
-use crate::draft::{Displayed, Draft};
+use crate::display::Displayed;
+use crate::draft::Draft;
 use crate::gather::{Surroundings, look_around};
 
 /// How fine the mesh of the gathers is where surfaces are near to each other.
@@ -160,7 +161,7 @@ fn surroundings(
     visit: impl FnMut(&catoptric_trace::Hit, Vec3),
 ) -> Surroundings {
     let key = Key::new(seed, Purpose::Hemisphere, u64::from(vertex) | 1 << 41);
-    look_around(tracer, &draft.receiver(tracer, vertex), rays, key, visit)
+    look_around(tracer, &draft.gatherer(tracer, vertex), rays, key, visit)
 }
 
 #[cfg(test)]

@@ -2,7 +2,8 @@
 
 use catoptric_light::{LightParams, Lights};
 use catoptric_radiosity::caustic::{Caustic, CausticParams, caustic};
-use catoptric_radiosity::draft::{Displayed, Draft};
+use catoptric_radiosity::display::Displayed;
+use catoptric_radiosity::draft::Draft;
 use catoptric_radiosity::gather::{DiffuseLight, gather};
 use catoptric_scene::{
     Material, PunctualKind, PunctualLight, Radiance, Rgb, Scene, SceneParts, Silent, Transmission,

@@ -17,7 +17,8 @@ use crate::caustic::deposit::{Deposit, code_of};
 use crate::caustic::source::{self, Source};
 use crate::caustic::table::Table;
 use crate::caustic::target::{self, Target};
-use crate::draft::{Displayed, Draft};
+use crate::display::Displayed;
+use crate::draft::Draft;
 
 /// Sources, targets, and how likely each pair is tried.
 pub(super) struct Emission<'a> {

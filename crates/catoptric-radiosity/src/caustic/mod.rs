@@ -26,7 +26,8 @@ use catoptric_trace::{Ledger, Tracer};
 use crate::caustic::density::Density;
 use crate::caustic::deposit::Deposits;
 use crate::caustic::emit::{Emission, Harvest};
-use crate::draft::{Displayed, Draft};
+use crate::display::Displayed;
+use crate::draft::Draft;
 use crate::refine::mean;
 
 /// Budgets of the caustic term.

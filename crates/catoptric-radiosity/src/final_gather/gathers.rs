@@ -12,7 +12,8 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 
 use crate::JOB;
 use crate::allocation::{Allocation, areas_around, relative_deviation, vertex_budgets};
-use crate::draft::{Displayed, Draft, drawn_inside};
+use crate::display::Displayed;
+use crate::draft::{Draft, drawn_inside};
 use crate::fit::FitSample;
 use crate::gather::{DiffuseLight, Gathered, gather_part};
 use crate::guide::{Findings, Guide};
@@ -219,7 +220,7 @@ impl<'a> Gathers<'a> {
             .with_max_len(JOB)
             .map(|&i| {
                 let (v, mut findings) = (origin[i as usize], Findings::default());
-                let receiver = draft.receiver(self.lights.tracer(), v);
+                let receiver = draft.gatherer(self.lights.tracer(), v);
                 let part = 0..self.first_rays(rays[i as usize]);
                 let note = |point, radiance| findings.add(point, radiance);
                 let found = self.gather(light, &receiver, part, None, u64::from(v), note);
@@ -286,7 +287,7 @@ impl<'a> Gathers<'a> {
                     if all <= known {
                         return (first, known);
                     }
-                    let receiver = self.draft.receiver(self.lights.tracer(), v);
+                    let receiver = self.draft.gatherer(self.lights.tracer(), v);
                     let note = |point, radiance| findings.add(point, radiance);
                     let more = self.gather(light, &receiver, known..all, Some(guide), u64::from(v), note);
                     // Each counts by the inverse of its variance.

@@ -8,7 +8,8 @@ mod gathers;
 use catoptric_light::Lights;
 use catoptric_scene::{Cancelled, Progress, Rgb};
 
-use crate::draft::{Displayed, Draft};
+use crate::display::Displayed;
+use crate::draft::Draft;
 use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit};
 use crate::gather::{DiffuseLight, Gathered};
 use crate::patch::PatchMesh;
