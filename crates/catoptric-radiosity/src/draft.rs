@@ -80,6 +80,9 @@ pub struct Draft {
     marked: FxHashSet<(u32, u32)>,
 }
 
+/// Long thin triangles of curved meshes are bisected down to this multiple of the spacing.
+const SLIVER: f32 = 0.25;
+
 /// Share of the way to the element's centre by which gathering points of border vertices are drawn inside: above f32
 /// rounding at any scale, below what a pixel shows.
 const INSET: f32 = 0.01;
@@ -97,7 +100,7 @@ pub(crate) fn drawn_inside((u, v): (f32, f32)) -> [f32; 3] {
 
 /// Key of an edge.
 #[inline]
-fn edge(a: u32, b: u32) -> (u32, u32) {
+pub(crate) fn edge(a: u32, b: u32) -> (u32, u32) {
     (a.min(b), a.max(b))
 }
 
@@ -148,6 +151,7 @@ impl Draft {
         }
         gap_of.resize(draft.vertices.len(), 0.0);
         draft.inset_borders(&gap_of);
+        draft.bisect_slivers(tracer, SLIVER * spacing);
         // Long edges of curved meshes are halved until they fit.
         for _ in 0..4 {
             let marks: Vec<(u32, u32)> = draft
@@ -317,7 +321,7 @@ impl Draft {
         edges
     }
 
-    fn note_edges(&mut self, face: u32, [a, b, c]: [u32; 3]) {
+    pub(crate) fn note_edges(&mut self, face: u32, [a, b, c]: [u32; 3]) {
         for (p, q) in [(a, b), (b, c), (c, a)] {
             self.curved_edges.entry(edge(p, q)).or_insert(face);
         }

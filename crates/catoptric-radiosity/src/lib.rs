@@ -25,6 +25,7 @@ pub mod reconstruct;
 pub mod refine;
 pub mod rows;
 pub mod sharing;
+mod sliver;
 pub mod solve;
 pub mod solver;
 mod source_light;

@@ -234,9 +234,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         ..params.sources
     };
     if lights.has_sources() || !tracer.scene().lights().is_empty() {
-        if std::env::var("NOGLINT").is_err() {
-            split_glints(&lights, &base, &mut draft, params.seed, source_params.min_edge, base_vertices);
-        }
+        split_glints(&lights, &base, &mut draft, params.seed, source_params.min_edge, base_vertices);
         refine(tracer, &mut draft, &field, &mut values, &source_params, progress)?;
     } else {
         values.values.resize(base_vertices, Rgb::ZERO);
