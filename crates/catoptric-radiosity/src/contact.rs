@@ -111,7 +111,7 @@ impl Obstacles {
         // The two sides of a plate have one outline: apart, or each edge of it would lie between two triangles.
         let mut hanging: [Vec<[DVec2; 3]>; 2] = [Vec::new(), Vec::new()];
         let mut lowest = [f64::INFINITY; 2];
-        let mut feet = Feet { gap: SHORT * spacing, tolerance, edges: Vec::new() };
+        let mut feet = Feet { gap: SHORT * spacing.min(extent(own).length()), tolerance, edges: Vec::new() };
         for id in near.into_iter().map(TriangleId) {
             if face.triangles.binary_search(&id).is_ok() {
                 continue;
@@ -204,7 +204,7 @@ pub(crate) fn gaps_at(points: &[DVec2], contacts: &[Contact], tolerance: f64) ->
 /// What hangs parallel before a face nearer than this share of the edge length leaves its outline there.
 const HANGING: f64 = 0.2;
 
-/// What stands before a face with an edge nearer than this share of the edge length touches it, as the mesh sees it: light
+/// What stands before a face with an edge nearer than this share of the edge length, or of its size, touches it, as the mesh sees it: light
 /// differs as much between its two sides, and what passes below is narrower than elements.
 const SHORT: f64 = 0.05;
 /// Sine of the angle by which it rises, at least: the facets at the foot of a ball do not stand on their edges.
