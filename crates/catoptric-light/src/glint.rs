@@ -110,6 +110,9 @@ impl Lights<'_> {
     /// sources through points of the narrowest window.
     pub fn glints(&self, seed: u32) -> Vec<Glint> {
         let mut glints = Vec::new();
+        if self.chains().chains().is_empty() {
+            return glints;
+        }
         let mut room = MAX_PATHS;
         let area = AreaSources::new(self);
         let punctual = self.tracer().scene().lights();

@@ -8,7 +8,6 @@
 //! are sampled because those before are noisy.
 //! Pixels in or beside a penumbra that shadow rays found are sampled again through the centre, by more of them.
 
-use std::collections::BTreeSet;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -166,8 +165,10 @@ pub fn render(
     let limit = THIN * params.noise * strong as f32;
     let mut ends: Vec<usize> = (0..pixels.len()).filter(|&i| pixels[i].deviation(exposure) > limit).collect();
     while !ends.is_empty() {
-        let beside: BTreeSet<usize> = ends.iter().flat_map(|&i| around(i, width, height)).collect();
-        let missed: Vec<usize> = beside.into_iter().filter(|&i| pixels[i].samples == 0).collect();
+        let beside = ends.iter().flat_map(|&i| around(i, width, height));
+        let mut missed: Vec<usize> = beside.filter(|&i| pixels[i].samples == 0).collect();
+        missed.sort_unstable();
+        missed.dedup();
         let found: Vec<Sample> = missed
             .par_iter()
             .with_max_len(JOB)
@@ -196,8 +197,8 @@ pub fn render(
     }
     let edge_samples: u64 = pixels.iter().map(|p| u64::from(p.samples)).sum();
 
-    let count = |need: Need| needs.iter().filter(|n| **n == need).count() as u64;
-    let penumbra_pixels = count(Need::Shadows);
+    let is_shadow = |(need, pixel): &(&Need, &Sample)| **need == Need::Shadows && pixel.samples == 0;
+    let penumbra_pixels = needs.iter().zip(&pixels).filter(is_shadow).count() as u64;
     let edges = pixels.iter().filter(|p| p.samples > 0).count() as u64;
     let report = RenderReport {
         samples: (width * height) as u64 + edge_samples + penumbra_pixels,
