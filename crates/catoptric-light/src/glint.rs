@@ -7,7 +7,7 @@ use glam::{DVec3, Vec2};
 
 use catoptric_scene::{PunctualKind, PunctualLight, Side, TriangleId};
 use catoptric_trace::sequence::{Key, Purpose};
-use catoptric_trace::{Event, MediumStack, PlaneId, Ray, Tracer};
+use catoptric_trace::{PlaneId, Ray, walk};
 
 use crate::chains::ImageChain;
 use crate::contour::Polygon;
@@ -42,8 +42,6 @@ const MAX_PATHS: u32 = 1 << 14;
 const CHOICE: u32 = 1;
 const POINT: u32 = 2;
 const FIRST_PUNCTUAL: u32 = 3;
-/// Surfaces that a path meets, at most.
-const MAX_EVENTS: u32 = 64;
 
 /// Where light starts.
 #[derive(Clone, Copy)]
@@ -65,6 +63,14 @@ impl Start {
         match self {
             Start::Place { position, .. } => position,
             Start::Far(offset) => aim - offset,
+        }
+    }
+
+    /// The plane that it lies in.
+    fn plane(self) -> PlaneId {
+        match self {
+            Start::Place { plane, .. } => plane,
+            Start::Far(_) => PlaneId::NONE,
         }
     }
 }
@@ -173,7 +179,12 @@ impl Lights<'_> {
         };
         let narrowest = window.iter().min_by(|a, b| view(a).total_cmp(&view(b)))?;
         let aim = narrowest.point(f64::from(through.x), f64::from(through.y));
-        let (triangle, side, position, normal) = arrive(self.tracer(), start, aim, chain)?;
+        let origin = start.before(aim);
+        let direction = (aim - origin).normalize_or_zero().as_vec3();
+        let ray = Ray { origin: origin.as_vec3(), direction, from: start.plane() };
+        let (hit, position, surface) =
+            walk::arrival_over(self.tracer(), ray, chain.planes.iter().rev().copied())?;
+        let (position, normal) = (position.as_dvec3(), surface.geometric.as_dvec3());
         // In the unfolded space the path is straight, and the window throws its shadow from where the light really is.
         let image = self.chains().unfold(chain, position, normal, normal)?;
         let mut thrown = Vec::with_capacity(narrowest.corners().len());
@@ -198,53 +209,11 @@ impl Lights<'_> {
         };
         let is_known = width > 0.0 && width.is_finite() && blur.is_finite();
         is_known.then_some(Glint {
-            triangle,
-            side,
+            triangle: hit.triangle,
+            side: surface.side,
             position,
             width: width.max(blur),
             length: longest.max(blur),
         })
     }
-}
-
-/// Follows a chain from the light's end to the first diffuse side: the triangle, its side, the place and its unit normal.
-fn arrive(
-    tracer: &Tracer,
-    start: Start,
-    aim: DVec3,
-    chain: &ImageChain,
-) -> Option<(TriangleId, Side, DVec3, DVec3)> {
-    let origin = start.before(aim);
-    let from = match start {
-        Start::Place { plane, .. } => plane,
-        Start::Far(_) => PlaneId::NONE,
-    };
-    let direction = (aim - origin).normalize_or_zero().as_vec3();
-    let mut ray = Ray { origin: origin.as_vec3(), direction, from };
-    let mut mirrors = chain.planes.iter().rev().copied();
-    let mut wanted = mirrors.next();
-    for _ in 0..MAX_EVENTS {
-        let hit = tracer.nearest(&ray, f32::INFINITY)?;
-        let interaction = tracer.interact(ray.direction, &hit, MediumStack::AIR);
-        let here = tracer.planes().of(hit.triangle);
-        let position = ray.origin + ray.direction * hit.t;
-        let event = match wanted {
-            Some(plane) if plane == here => {
-                wanted = mirrors.next();
-                Event::Planar(plane)
-            }
-            None if interaction.receives > 0.0 => {
-                return Some((
-                    hit.triangle,
-                    interaction.side,
-                    position.as_dvec3(),
-                    interaction.geometric.as_dvec3(),
-                ));
-            }
-            _ => Event::Undeviated,
-        };
-        let branch = interaction.branches().iter().find(|b| b.event == event)?;
-        ray = Ray { origin: position, direction: branch.direction, from: here };
-    }
-    None
 }

@@ -204,8 +204,8 @@ pub(crate) fn gaps_at(points: &[DVec2], contacts: &[Contact], tolerance: f64) ->
 /// What hangs parallel before a face nearer than this share of the edge length leaves its outline there.
 const HANGING: f64 = 0.2;
 
-/// What stands before a face with an edge nearer than this share of the edge length, or of its size, touches it, as the mesh sees it: light
-/// differs as much between its two sides, and what passes below is narrower than elements.
+/// What stands before a face with an edge nearer than this share of the edge length, or of the face's size, touches it, as
+/// the mesh sees it: light differs as much between its two sides, and what passes below is narrower than elements.
 const SHORT: f64 = 0.05;
 /// Sine of the angle by which it rises, at least: the facets at the foot of a ball do not stand on their edges.
 const STEEP: f64 = 0.3;

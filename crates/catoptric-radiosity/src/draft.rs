@@ -87,8 +87,9 @@ const SLIVER: f32 = 0.25;
 /// rounding at any scale, below what a pixel shows.
 const INSET: f32 = 0.01;
 
-/// Beside what hangs or stands before a face light is gathered as far inside as this multiple of its gap, as the dark that shows through
-/// the gap is narrower than elements: as far as that a tenth of the light from an upright side is missing (1 − 2/√5).
+/// Beside what hangs or stands before a face light is gathered as far inside as this multiple of its gap, as the dark that
+/// shows through the gap is narrower than elements: as far as that a tenth of the light from an upright side is missing
+/// (1 − 2/√5).
 const BESIDE_GAP: f32 = 2.0;
 /// … but not by more than this share of the way.
 const MAX_INSET: f32 = 0.15;
@@ -285,6 +286,11 @@ impl Draft {
                 vertex.outlook = vertex.position.lerp(center, beside.clamp(INSET, MAX_INSET));
             }
         }
+    }
+
+    /// Length of an edge, metres.
+    pub(crate) fn length(&self, (a, b): (u32, u32)) -> f32 {
+        (self.vertices[b as usize].position - self.vertices[a as usize].position).length()
     }
 
     /// Centre of a triangle.

@@ -47,7 +47,7 @@ impl Near {
         let mut shortest = vec![f32::INFINITY; draft.vertices.len()];
         let mut longest = vec![0.0_f32; draft.vertices.len()];
         for (a, b) in draft.edges() {
-            let length = length(draft, a, b);
+            let length = draft.length((a, b));
             for v in [a as usize, b as usize] {
                 shortest[v] = shortest[v].min(length);
                 longest[v] = longest[v].max(length);
@@ -93,7 +93,7 @@ impl Near {
             // Only the ends of edges that may be split are asked.
             let mut asked = vec![false; draft.vertices.len()];
             for (a, b) in draft.edges() {
-                if length(draft, a, b) > shortest {
+                if draft.length((a, b)) > shortest {
                     asked[a as usize] = true;
                     asked[b as usize] = true;
                 }
@@ -111,7 +111,7 @@ impl Near {
                 .edges()
                 .into_iter()
                 .filter(|&(a, b)| {
-                    let length = length(draft, a, b);
+                    let length = draft.length((a, b));
                     length > shortest
                         && length > params.ratio * distances[a as usize].min(distances[b as usize])
                 })
@@ -145,10 +145,6 @@ impl Near {
         }
         hidden
     }
-}
-
-fn length(draft: &Draft, a: u32, b: u32) -> f32 {
-    (draft.vertices[a as usize].position - draft.vertices[b as usize].position).length()
 }
 
 /// What a vertex sees first.

@@ -80,10 +80,6 @@ impl Draft {
         self.leaves.sort_by_key(|leaf| leaf.face);
     }
 
-    fn length(&self, (a, b): (u32, u32)) -> f32 {
-        (self.vertices[a as usize].position - self.vertices[b as usize].position).length()
-    }
-
     /// An edge that is to be bisected, by its length. The author's triangles tell what is narrow: a half of a triangle with two
     /// long edges is as long for its width as the whole.
     fn sliver(&self, widths: &[f32], key: (u32, u32), leaves: &[u32]) -> Option<(u32, Reverse<(u32, u32)>)> {

@@ -64,8 +64,9 @@ fn glints_lie_where_the_image_throws_the_mirror() {
         let x = position.x;
         assert!(x > f64::from(near) - blur && x < f64::from(far) + blur, "x = {x}, not in {near} to {far}");
         assert!(position.z.abs() < 1.1);
-        // Beside the centre of the lamp the strip is a parallelogram with as much area, and longer by less than 1 %.
-        assert!((found / width - 1.0).abs() < 0.05, "width {found}, not {width}");
+        // The lamp's points are 0.007 m of 2 m off in x and in y, which widens the strip by 0.35 % each, and its diagonal is longer
+        // than its edge by less than 1 %.
+        assert!((found / width - 1.0).abs() < 0.02, "width {found}, not {width}");
         assert!(length > 2.0 && length < 2.3, "length {length}");
     }
 }

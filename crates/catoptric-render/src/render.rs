@@ -4,8 +4,8 @@
 //! bright and missed would stay so. (A neighbour's second look may depend on a pixel's own first: by measurement, 1e-5 of a picture's light.)
 //! A first ray through each pixel's centre leaves a trail of what it met; pixels whose trail differs
 //! from a neighbour's, or whose radiance bends, are sampled again on a grid of their own, and the first ray is not used.
-//! As long as their neighbours turn out noisy, they are sampled more. Along what is thinner than a pixel and passes between centres, pixels
-//! are sampled because those before are noisy.
+//! As long as their neighbours turn out noisy, they are sampled more. Along what is thinner than a pixel and passes between
+//! centres, pixels are sampled because those before are noisy.
 //! Pixels in or beside a penumbra that shadow rays found are sampled again through the centre, by more of them.
 
 use std::ops::Range;

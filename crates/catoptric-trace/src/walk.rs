@@ -280,28 +280,56 @@ pub fn over_mirrors(
             return None;
         }
         ray.direction = aim;
-        // Straight on through whatever lets light pass, up to the mirror.
-        let mut crossings = 0;
-        loop {
-            let hit = tracer.nearest(&ray, f32::INFINITY)?;
-            let interaction = tracer.interact(ray.direction, &hit, MediumStack::AIR);
-            let here = tracer.planes().of(hit.triangle);
-            let wanted = if here == plane { Event::Planar(plane) } else { Event::Undeviated };
-            let branch = interaction.branches().iter().find(|b| b.event == wanted)?;
-            throughput *= branch.throughput;
-            ray = Ray { origin: ray.origin + ray.direction * hit.t, direction: branch.direction, from: here };
-            crossings += 1;
-            if here == plane {
-                break;
-            }
-            if crossings > 64 {
-                return None;
-            }
-        }
+        ray = off_mirror(tracer, ray, plane, &mut throughput)?;
     }
     let target = *targets.last()?;
     let ahead = (target - ray.origin).dot(ray.direction) >= 0.0;
     ahead.then_some(Left { origin: ray.origin, from: ray.from, target, throughput })
+}
+
+/// Surfaces that one leg of a path passes, at most.
+const MAX_CROSSINGS: u32 = 64;
+
+/// Straight on through whatever lets light pass, up to a mirror in `plane` and off it; `None` where it is missed or something
+/// blocks.
+fn off_mirror(tracer: &Tracer, mut ray: Ray, plane: PlaneId, throughput: &mut Rgb) -> Option<Ray> {
+    for _ in 0..=MAX_CROSSINGS {
+        let hit = tracer.nearest(&ray, f32::INFINITY)?;
+        let interaction = tracer.interact(ray.direction, &hit, MediumStack::AIR);
+        let here = tracer.planes().of(hit.triangle);
+        let wanted = if here == plane { Event::Planar(plane) } else { Event::Undeviated };
+        let branch = interaction.branches().iter().find(|b| b.event == wanted)?;
+        *throughput *= branch.throughput;
+        ray = Ray { origin: ray.origin + ray.direction * hit.t, direction: branch.direction, from: here };
+        if here == plane {
+            return Some(ray);
+        }
+    }
+    None
+}
+
+/// Where a path that starts at a light arrives on a diffuse side, after the mirrors in `planes` in the order in which it meets
+/// them: the hit, its place and the surface there. Panes and blended surfaces on the way let it pass.
+pub fn arrival_over(
+    tracer: &Tracer,
+    mut ray: Ray,
+    planes: impl Iterator<Item = PlaneId>,
+) -> Option<(Hit, Vec3, Interaction)> {
+    let mut throughput = Rgb::ONE;
+    for plane in planes {
+        ray = off_mirror(tracer, ray, plane, &mut throughput)?;
+    }
+    for _ in 0..=MAX_CROSSINGS {
+        let hit = tracer.nearest(&ray, f32::INFINITY)?;
+        let interaction = tracer.interact(ray.direction, &hit, MediumStack::AIR);
+        let origin = ray.origin + ray.direction * hit.t;
+        if interaction.receives > 0.0 {
+            return Some((hit, origin, interaction));
+        }
+        let branch = interaction.branches().iter().find(|b| b.event == Event::Undeviated)?;
+        ray = Ray { origin, direction: branch.direction, from: tracer.planes().of(hit.triangle) };
+    }
+    None
 }
 
 pub mod split {
