@@ -8,7 +8,7 @@ use catoptric_scene::{
 };
 use catoptric_trace::PlaneId;
 use catoptric_trace::Tracer;
-use catoptric_trace::beam::{Base, End, MAX_SUSPECTS, Pyramid};
+use catoptric_trace::beam::{Base, End, Pyramid, Suspects};
 use catoptric_trace::sequence::{Key, Purpose};
 use glam::{DVec3, Vec3};
 
@@ -143,9 +143,9 @@ fn an_empty_pyramid_has_no_shadow() {
         let eye = position.as_dvec3();
         let near = End::new(eye, normal.as_dvec3(), from);
         let far = End::behind(&base, eye, PlaneId::NONE).expect("a polygon");
-        let suspects =
-            Pyramid::new(eye, &base, near, far, 0..0).and_then(|p| tracer.suspects_in(&p, MAX_SUSPECTS));
-        let says = suspects.is_some_and(|s| s.is_empty());
+        let mut suspects = Suspects::default();
+        let pyramid = Pyramid::new(eye, &base, near, far, 0..0);
+        let says = pyramid.is_some_and(|p| tracer.suspects_in(&p, 0, &mut suspects));
         let seen = (0..256).all(|ray| {
             let at = key.child(9).child(index).point2(ray);
             let target = Vec3::new(0.2 + 0.4 * at.x, 0.99, 0.2 + 0.4 * at.y);
@@ -175,6 +175,8 @@ fn suspects_block_what_the_scene_blocks() {
     }
     let scene = Scene::new(parts).expect("a valid scene");
     let tracer = Tracer::new(&scene);
+    let reversed: Vec<u32> = (0..scene.triangles().len() as u32).rev().collect();
+    let other = Tracer::with_order(&scene, &reversed);
     let (mut blocked, mut thinned, mut free, mut many) = (0, 0, 0, 0);
     for index in 0..2000 {
         let eye = (point(key.child(3), index) - Vec3::Y).as_dvec3();
@@ -183,12 +185,23 @@ fn suspects_block_what_the_scene_blocks() {
         let base = Base::around(&[corner, corner + u, corner + u + v, corner + v]).expect("a polygon");
         let far = End::behind(&base, eye, PlaneId::NONE).expect("a polygon");
         let near = End::new(eye, DVec3::Y, PlaneId::NONE);
-        let Some(suspects) =
-            Pyramid::new(eye, &base, near, far, 0..0).and_then(|p| tracer.suspects_in(&p, MAX_SUSPECTS))
-        else {
+        let mut suspects = Suspects::default();
+        let pyramid = Pyramid::new(eye, &base, near, far, 0..0);
+        let Some(pyramid) = pyramid else { continue };
+        // The same ones in any tree.
+        let mut others = Suspects::default();
+        let is_few = tracer.suspects_in(&pyramid, 32, &mut suspects);
+        assert_eq!(is_few, other.suspects_in(&pyramid, 32, &mut others));
+        if !is_few {
             many += 1;
             continue;
+        }
+        let ids = |tracer: &Tracer, suspects: &Suspects| {
+            let mut ids: Vec<TriangleId> = tracer.suspected(suspects).map(|s| s.id).collect();
+            ids.sort();
+            ids
         };
+        assert_eq!(ids(&tracer, &suspects), ids(&other, &others));
         for ray in 0..16 {
             let at = key.child(9).child(index).point2(ray).as_dvec2() * 0.998 + 0.001;
             let (origin, target) = (eye.as_vec3(), (corner + u * at.x + v * at.y).as_vec3());
@@ -279,7 +292,11 @@ fn halves_of_the_samples_tell_their_noise() {
     let mut parts = SceneParts::default();
     let (glow, plate) = (glowing(&mut parts), white(&mut parts));
     parts.add_quad("lamp", glow, Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z);
-    parts.add_quad("plate", plate, Vec3::new(0.0, 1.0, -1.0), Vec3::X * 2.0, Vec3::new(0.2, 0.0, 2.0));
+    // Of so many slats that their shadows are not cut out.
+    for slat in 0..1500 {
+        let at = Vec3::new(0.0, 1.0, -1.0) + Vec3::new(0.2, 0.0, 2.0) * (slat as f32 / 1500.0);
+        parts.add_quad("plate", plate, at, Vec3::X * 2.0, Vec3::new(0.2, 0.0, 2.0) / 1500.0);
+    }
     parts.add_quad("scrap", plate, Vec3::Y * -50.0, Vec3::Z, Vec3::X);
     let scene = Scene::new(parts).expect("a valid scene");
     let tracer = Tracer::new(&scene);

@@ -8,8 +8,10 @@ use std::ops::Range;
 
 use glam::{DVec2, DVec3, Vec3, Vec4};
 
+use catoptric_scene::TriangleId;
+
 use crate::eight::{Eight, at_level};
-use crate::packet::Packet;
+use crate::packet::{CUT_OUT, PASSES, Packet};
 use crate::plane::{Plane, PlaneId};
 use crate::tree::{LEAF, Node, Tree, leaf};
 
@@ -96,6 +98,16 @@ impl End {
         Self { normal: plane.normal * sign, offset: plane.offset * sign, id }
     }
 
+    /// Its unit normal, to the inside.
+    pub fn normal(&self) -> DVec3 {
+        self.normal
+    }
+
+    /// Inside, normal · x is not below this.
+    pub fn offset(&self) -> f64 {
+        self.offset
+    }
+
     /// Where the line from `from` towards `to` meets it, if not before `from`.
     fn meets(&self, from: DVec3, to: DVec3) -> DVec3 {
         let (a, b) = (self.normal.dot(from) - self.offset, self.normal.dot(to) - self.offset);
@@ -175,17 +187,26 @@ impl Pyramid {
         near
     }
 
-    /// Whether any triangle of a packet is not certainly outside, by more than `slack`.
+    /// The triangles of a packet, bit by bit, that are not certainly outside, by more than `slack`: whatever its neighbours are.
     #[inline]
-    fn meets_packet(&self, packet: &Packet, slack: f32) -> bool {
+    fn meets_packet(&self, packet: &Packet, slack: f32) -> u32 {
         let splat = Vec4::splat;
         let mut lanes = 0;
         for lane in 0..4 {
             let own = self.skip.contains(&packet.ids[lane]) || self.ignore.contains(&packet.planes[lane]);
-            lanes |= u32::from(!own) << lane;
+            // Lanes that are left repeat the first.
+            let again = lane > 0 && packet.ids[lane] == packet.ids[0];
+            lanes |= u32::from(!own && !again) << lane;
+        }
+        let [a, b, c] = &packet.corners;
+        for axis in 0..3 {
+            let low = a[axis].min(b[axis]).min(c[axis]);
+            let high = a[axis].max(b[axis]).max(c[axis]);
+            let meets = low.cmple(splat(self.max[axis])) & high.cmpge(splat(self.min[axis]));
+            lanes &= meets.bitmask();
         }
         if lanes == 0 {
-            return false;
+            return 0;
         }
         for (normal, offset) in self.planes() {
             let height = |corner: &[Vec4; 3]| {
@@ -194,11 +215,10 @@ impl Pyramid {
             let [a, b, c] = [0, 1, 2].map(|k| height(&packet.corners[k]));
             lanes &= !a.min(b).min(c).cmpge(splat(*offset - slack)).bitmask();
             if lanes == 0 {
-                return false;
+                return 0;
             }
         }
         // The plane of the triangle.
-        let [a, b, c] = &packet.corners;
         let edge = |p: &[Vec4; 3], q: &[Vec4; 3]| [0, 1, 2].map(|k| q[k] - p[k]);
         let (e, f) = (edge(a, b), edge(a, c));
         let n = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]];
@@ -214,44 +234,85 @@ impl Pyramid {
             high = high.max(h);
         }
         let beside = low.cmpge(-slack) | high.cmple(slack);
-        lanes & !beside.bitmask() != 0
+        lanes & !beside.bitmask()
     }
 }
 
-/// Packets of triangles, at most, that are worth a look each instead of the tree.
-pub const MAX_SUSPECTS: usize = 8;
-
 /// What may be in the way in a pyramid: nothing outside it is.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Suspects {
-    packets: [u32; MAX_SUSPECTS],
-    count: usize,
+    /// Packets, and which of their triangles, bit by bit.
+    packets: Vec<(u32, u8)>,
+}
+
+/// A triangle that may be in the way.
+#[derive(Clone, Copy, Debug)]
+pub struct Suspect {
+    /// Which.
+    pub id: TriangleId,
+    /// Its corners, metres.
+    pub corners: [Vec3; 3],
+    /// Its plane.
+    pub plane: PlaneId,
+    /// It lets light pass undeviated.
+    pub passes: bool,
+    /// It has holes.
+    pub cut_out: bool,
 }
 
 impl Suspects {
     /// Nothing at all is in the way, for certain.
     pub fn is_empty(&self) -> bool {
-        self.count == 0
+        self.packets.is_empty()
+    }
+
+    /// Packets of four triangles: what one ray costs that asks them.
+    pub fn packet_count(&self) -> usize {
+        self.packets.len()
+    }
+
+    /// Triangles.
+    pub fn triangle_count(&self) -> usize {
+        self.packets.iter().map(|(_, lanes)| lanes.count_ones() as usize).sum()
     }
 
     pub(crate) fn packets<'a>(&'a self, tree: &'a Tree) -> impl Iterator<Item = &'a Packet> {
-        self.packets[..self.count].iter().map(|&index| &tree.packets[index as usize])
+        self.packets.iter().map(|&(index, _)| &tree.packets[index as usize])
+    }
+
+    pub(crate) fn triangles<'a>(&'a self, tree: &'a Tree) -> impl Iterator<Item = Suspect> + 'a {
+        self.packets(tree).zip(&self.packets).flat_map(|(packet, &(_, lanes))| {
+            (0..4).filter(move |lane| lanes >> lane & 1 == 1).map(|lane| Suspect {
+                id: TriangleId(packet.ids[lane]),
+                corners: packet.corners.map(|corner| Vec3::from_array(corner.map(|axis| axis[lane]))),
+                plane: PlaneId(packet.planes[lane]),
+                passes: packet.flags[lane] & PASSES != 0,
+                cut_out: packet.flags[lane] & CUT_OUT != 0,
+            })
+        })
     }
 }
 
 impl Tree {
-    /// The triangles that may lie in the pyramid, if they are in `most` packets at most. Triangles that touch it from outside by
-    /// less than the padding of the boxes do not count.
-    pub(crate) fn suspects_in(&self, pyramid: &Pyramid, most: usize) -> Option<Suspects> {
-        at_level!(self.level, eight => self.suspects_by(eight, pyramid, most.min(MAX_SUSPECTS)))
+    /// Finds the triangles that may lie in the pyramid, the same in any tree; `false` if they are more than `most`. Triangles that
+    /// touch it from outside by less than the padding of the boxes do not count.
+    pub(crate) fn suspects_in(&self, pyramid: &Pyramid, most: usize, suspects: &mut Suspects) -> bool {
+        suspects.packets.clear();
+        at_level!(self.level, eight => self.suspects_by(eight, pyramid, most, suspects).is_some())
     }
 
     #[inline(always)]
-    fn suspects_by<E: Eight>(&self, eight: E, pyramid: &Pyramid, most: usize) -> Option<Suspects> {
-        let mut suspects = Suspects::default();
+    fn suspects_by<E: Eight>(
+        &self,
+        eight: E,
+        pyramid: &Pyramid,
+        most: usize,
+        suspects: &mut Suspects,
+    ) -> Option<()> {
         if self.nodes.is_empty() {
-            return Some(suspects);
+            return Some(());
         }
+        let mut room = most;
         // Deeper trees than this are too many.
         let mut stack = [0_u32; 64];
         let mut length = 1;
@@ -260,9 +321,10 @@ impl Tree {
             let current = stack[length];
             if current & LEAF != 0 {
                 for index in leaf(current) {
-                    if pyramid.meets_packet(&self.packets[index], self.padding) {
-                        *suspects.packets[..most].get_mut(suspects.count)? = index as u32;
-                        suspects.count += 1;
+                    let lanes = pyramid.meets_packet(&self.packets[index], self.padding);
+                    if lanes != 0 {
+                        room = room.checked_sub(lanes.count_ones() as usize)?;
+                        suspects.packets.push((index as u32, lanes as u8));
                     }
                 }
                 continue;
@@ -276,6 +338,6 @@ impl Tree {
                 length += 1;
             }
         }
-        Some(suspects)
+        Some(())
     }
 }

@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use catoptric_scene::{AlphaMode, Barycentric, Rgb, Scene, Transmission, TriangleId};
 
-use crate::beam::{Pyramid, Suspects};
+use crate::beam::{Pyramid, Suspect, Suspects};
 use crate::eight::Level;
 use crate::fresnel::{self, DiffuseFresnel};
 use crate::medium::Media;
@@ -295,10 +295,15 @@ impl<'a> Tracer<'a> {
         Rgb::ZERO
     }
 
-    /// What may be in the way in a pyramid; `None` if that is more than `most` packets of four triangles, or than
-    /// [`MAX_SUSPECTS`](crate::beam::MAX_SUSPECTS). On the safe side: nothing else is, for certain.
-    pub fn suspects_in(&self, pyramid: &Pyramid, most: usize) -> Option<Suspects> {
-        self.tree.suspects_in(pyramid, most)
+    /// Finds what may be in the way in a pyramid; `false` if that is more than `most` triangles. On the safe side: nothing else
+    /// is, for certain.
+    pub fn suspects_in(&self, pyramid: &Pyramid, most: usize, suspects: &mut Suspects) -> bool {
+        self.tree.suspects_in(pyramid, most, suspects)
+    }
+
+    /// The triangles that are suspected.
+    pub fn suspected<'s>(&'s self, suspects: &'s Suspects) -> impl Iterator<Item = Suspect> + 's {
+        suspects.triangles(&self.tree)
     }
 
     /// [`visibility`](Self::visibility) where nothing but what is suspected can be in the way.

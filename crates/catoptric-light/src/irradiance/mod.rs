@@ -9,10 +9,12 @@
 
 mod seen;
 mod shadow;
+mod way;
 
 use glam::Vec3;
 
 use catoptric_scene::Rgb;
+use catoptric_trace::beam::Suspects;
 use catoptric_trace::sequence::Key;
 use catoptric_trace::{PlaneId, Tracer};
 
@@ -23,7 +25,8 @@ use crate::receiver::Receiver;
 use crate::sky::BrightSky;
 
 use seen::{Found, Seeker};
-use shadow::{Tally, Target};
+use shadow::{Budget, Tally, Target};
+use way::Remainder;
 
 /// How sources are evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,6 +61,8 @@ pub struct Scratch {
     seeker: Seeker,
     texels: Vec<(u32, f32)>,
     fan: Vec<f64>,
+    suspects: Suspects,
+    remainder: Remainder,
     pub(crate) targets: Vec<Vec3>,
     /// Shadow rays cast (chains count one).
     pub rays: u64,
@@ -112,6 +117,10 @@ impl From<u32> for Samples {
         Self { count, calm: false }
     }
 }
+
+/// Triangles that may be cut out of the sources for each sample: equal shares for all sources (what is brightest may be hidden), no
+/// more than half for one.
+const SHADOWS_PER_SAMPLE: u32 = 6;
 
 /// Samples of a source that do where the surroundings are calm and they agree.
 pub const LOOK: u32 = 4;
@@ -260,6 +269,8 @@ impl<'a> Lights<'a> {
             // Large pieces get strata of their own, small ones share.
             let share = f64::from(samples) / (whole + known);
             let mut leftover = 0.0;
+            let targets = (found.pieces.len() + found.lamps.len()) as u32;
+            let shadows = (SHADOWS_PER_SAMPLE * samples).div_ceil(targets.max(2));
             for (index, piece) in found.pieces.iter().enumerate() {
                 let expected = piece.weight * share;
                 if expected < 1.5 && !found.is_few() {
@@ -268,22 +279,20 @@ impl<'a> Lights<'a> {
                 }
                 let count = (expected.round() as u32).clamp(LOOK, samples.max(LOOK)).next_power_of_two();
                 let target = Target::piece(piece, &self.emitters);
-                let key = key.child(index as u32);
-                result.irradiance +=
-                    self.strata(at, &target, Samples { count, calm }, key, scratch, &mut tally);
+                let (budget, key) = (Budget { count, calm, shadows }, key.child(index as u32));
+                result.irradiance += self.strata(at, &target, budget, key, scratch, &mut tally);
                 result.unoccluded += target.irradiance();
                 tally.next_target();
             }
             for (index, part) in found.lamps.iter().enumerate() {
-                let expected = (part.weight * share).ceil() as u32;
-                let count = match expected {
+                let expected = part.weight * share;
+                let count = match expected.ceil() as u32 {
                     ..2 if !found.is_few() => 1,
-                    _ => expected.clamp(LOOK, samples.max(LOOK)).next_power_of_two(),
+                    count => count.clamp(LOOK, samples.max(LOOK)).next_power_of_two(),
                 };
                 let target = Target::lamp(part, &found.corners, &self.emitters);
-                let key = key.child(LAMPS + index as u32);
-                result.irradiance +=
-                    self.strata(at, &target, Samples { count, calm }, key, scratch, &mut tally);
+                let (budget, key) = (Budget { count, calm, shadows }, key.child(LAMPS + index as u32));
+                result.irradiance += self.strata(at, &target, budget, key, scratch, &mut tally);
                 result.unoccluded += target.irradiance();
                 tally.next_target();
             }

@@ -1,10 +1,12 @@
 //! How much of the sources' light arrives: shadow rays, stratified over each large part and shared among the small ones,
 //! and none where the pyramid before a part is empty. Where it holds few triangles, the rays ask these.
 
+use std::ops::Range;
+
 use glam::DVec3;
 
 use catoptric_scene::{Rgb, Sky};
-use catoptric_trace::beam::{Base, End, Pyramid, Suspects};
+use catoptric_trace::beam::Suspects;
 use catoptric_trace::sequence::Key;
 use catoptric_trace::{Occlusion, PlaneId, walk};
 
@@ -16,11 +18,12 @@ use crate::light_tree::Windows;
 use crate::receiver::Receiver;
 
 use super::seen::{Found, LampPart, Piece};
-use super::{LOOK, Lights, Samples, Scratch, SourceIrradiance, Standpoint};
+use super::way::Way;
+use super::{LOOK, Lights, Scratch, SourceIrradiance, Standpoint};
 
 /// What shadow rays go to.
 #[derive(Clone, Copy)]
-enum Goal<'a> {
+pub(super) enum Goal<'a> {
     /// A point in a plane.
     Plane(PlaneId),
     /// The first of a lamp's triangles that they meet.
@@ -32,13 +35,13 @@ enum Goal<'a> {
 pub(super) struct Target<'a> {
     radiance: Rgb,
     /// Irradiance by unit radiance.
-    unit: f64,
+    pub(super) unit: f64,
     /// Unit normal of its plane, away from the receiver.
     axis: DVec3,
-    corners: &'a [DVec3],
-    to: Goal<'a>,
+    pub(super) corners: &'a [DVec3],
+    pub(super) to: Goal<'a>,
     /// Whose lobe and texture it has; a lamp has neither.
-    cell: Option<&'a Cell>,
+    pub(super) cell: Option<&'a Cell>,
     /// The cell that it is all of.
     whole: Option<&'a Cell>,
 }
@@ -83,6 +86,38 @@ impl<'a> Target<'a> {
     }
 }
 
+/// What one target is worth.
+#[derive(Clone, Copy)]
+pub(super) struct Budget {
+    /// Shadow rays.
+    pub(super) count: u32,
+    /// See [`Samples::calm`](super::Samples::calm).
+    pub(super) calm: bool,
+    /// Triangles whose shadows are cut out.
+    pub(super) shadows: u32,
+}
+
+/// How a target is sampled.
+#[derive(Clone, Copy)]
+struct Shots {
+    count: u32,
+    key: Key,
+    /// Samples lie in the parts that are seen, which send so much by unit radiance.
+    parts: Option<f64>,
+    /// Nothing is in the way.
+    free: bool,
+    /// Nothing else than the suspects in the scratch is.
+    among: bool,
+}
+
+/// Weights of samples and what they found.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    all: (f64, DVec3),
+    /// Of the first half.
+    first: (f64, DVec3),
+}
+
 /// What shares its samples with others.
 #[derive(Clone, Copy)]
 enum Shared<'a> {
@@ -93,8 +128,6 @@ enum Shared<'a> {
 
 /// Samples of a smooth integrand, where nothing blocks: Fresnel's reflectance of mirrors, the transmittance of a medium.
 const FREE_SAMPLES: u32 = 4;
-/// A packet of suspects is worth its finding if so many rays ask it.
-const RAYS_PER_SUSPECT: u32 = 8;
 /// Places in a small piece of a lobe that are weighed for one shadow ray.
 const PLACES: u32 = 8;
 
@@ -153,78 +186,107 @@ impl Lights<'_> {
         share * self.tracer.media().transmittance(receiver.media.current(), distance as f32)
     }
 
-    /// What may block `count` shadow rays to a polygon, over the mirrors of a chain; `None` if it is not worth to know, and where
-    /// something may be in the way to a mirror.
-    fn suspects(&self, at: Standpoint, base: &[DVec3], to: Goal, count: u32) -> Option<Suspects> {
-        let base = Base::around(base)?;
-        let (goal, lamp) = match to {
-            Goal::Plane(plane) => (plane, 0..0),
-            Goal::Lamp(lamp) => (PlaneId::NONE, lamp.triangles.clone()),
-        };
-        let receiver = at.receiver;
-        let position = receiver.position.as_dvec3();
-        let mut near = End::new(position, receiver.geometric.as_dvec3(), receiver.plane);
-        let mut eye = position;
-        for (chain, level) in at.chain.iter().flat_map(|c| (0..c.planes.len()).map(move |level| (c, level))) {
-            // Up to each mirror, towards the image of the light behind it.
-            let (mirrors, id) = chain.mirrors_from(level)?;
-            let image = mirrors.iter().rev().fold(base, |base, plane| base.reflected(plane));
-            let far = End::mirror(&mirrors[0], id, eye);
-            let pyramid = Pyramid::new(eye, &image, near, far, 0..0)?;
-            self.tracer.suspects_in(&pyramid, 0)?;
-            eye = mirrors[0].reflect_point(eye);
-            near = End::mirror(&mirrors[0], id, image.reflected(&mirrors[0]).corners()[0]);
-        }
-        let far = End::behind(&base, eye, goal)?;
-        let most = if at.chain.is_some() { 0 } else { (count / RAYS_PER_SUSPECT) as usize };
-        self.tracer.suspects_in(&Pyramid::new(eye, &base, near, far, lamp)?, most)
-    }
-
     /// Whether light that nothing blocks arrives as the contour formula says: no coat, and nothing that absorbs.
     fn is_plain(&self, receiver: &Receiver) -> bool {
         receiver.coat.is_none()
             && self.tracer.media().transmittance(receiver.media.current(), self.far) == Rgb::ONE
     }
 
-    /// Irradiance by one target, by `count` stratified shadow rays, or by the first of them where they do.
+    /// Irradiance by one target: exact where that is known, or else by `count` stratified shadow rays, or by the first of them where
+    /// they do.
     pub(super) fn strata(
         &self,
         at: Standpoint,
         target: &Target,
-        Samples { count, calm }: Samples,
+        Budget { count, calm, shadows }: Budget,
         key: Key,
         scratch: &mut Scratch,
         tally: &mut Tally,
     ) -> Rgb {
-        let Standpoint { receiver, chain, image } = at;
-        let textured = target.cell.filter(|cell| cell.textured);
+        let is_textured = target.cell.is_some_and(|cell| cell.textured);
         // One sample agrees with itself.
-        if textured.is_some() || count == 1 {
+        if is_textured || count == 1 {
             tally.mixed();
         }
-        let lobed = target.cell.filter(|cell| !cell.lobe.is_diffuse());
-        let suspects = if count > 1 { self.suspects(at, target.corners, target.to, count) } else { None };
-        let free = suspects.is_some_and(|s| s.is_empty());
-        if free && chain.is_none() && textured.is_none() && self.is_plain(receiver) {
-            tally.count(Rgb::ONE);
-            return target.irradiance();
+        let shots = Shots { count, key, parts: None, free: false, among: false };
+        let mut sums = Sums::default();
+        if count == 1 {
+            return self.shoot(at, target, &shots, 0..1, &mut sums, scratch, tally);
         }
-        let count = if free && textured.is_none() { count.min(FREE_SAMPLES) } else { count };
+        let look = calm && !is_textured && count > LOOK;
+        if look {
+            let shots = match self.way(at, target, count, 0, scratch) {
+                Way::Among => Shots { among: true, ..shots },
+                Way::Unknown => shots,
+                way => return self.known(at, target, way, &shots, scratch, tally),
+            };
+            let found = self.shoot(at, target, &shots, 0..LOOK, &mut sums, scratch, tally);
+            if tally.is_target_even() {
+                return found;
+            }
+        }
+        let shots = match self.way(at, target, count, shadows, scratch) {
+            Way::Among => Shots { among: true, ..shots },
+            Way::Unknown => shots,
+            way => return self.known(at, target, way, &shots, scratch, tally),
+        };
+        // A prefix of the sequence is stratified, too.
+        let first = if look { LOOK } else { 0 };
+        self.shoot(at, target, &shots, first..count, &mut sums, scratch, tally)
+    }
+
+    /// Irradiance by a target that is seen wholly or in parts that are known. What its light passes on the way is smooth.
+    fn known(
+        &self,
+        at: Standpoint,
+        target: &Target,
+        way: Way,
+        shots: &Shots,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> Rgb {
+        let (parts, passes) = match way {
+            Way::Seen { unit, passes } => (Some(unit), passes),
+            _ => (None, false),
+        };
+        let unit = parts.unwrap_or(target.unit);
+        tally.exact(unit / target.unit);
+        let is_textured = target.cell.is_some_and(|cell| cell.textured);
+        if unit <= 0.0 || at.chain.is_none() && !is_textured && !passes && self.is_plain(at.receiver) {
+            return target.radiance * unit as f32;
+        }
+        let count = if is_textured { shots.count } else { shots.count.min(FREE_SAMPLES) };
+        let shots = Shots { count, parts, free: at.chain.is_none() && !passes, ..*shots };
+        self.shoot(at, target, &shots, 0..count, &mut Sums::default(), scratch, tally)
+    }
+
+    /// Irradiance by a target by the samples so far and more of them.
+    fn shoot(
+        &self,
+        at: Standpoint,
+        target: &Target,
+        shots: &Shots,
+        indices: Range<u32>,
+        sums: &mut Sums,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> Rgb {
+        let Standpoint { receiver, image, .. } = at;
+        let textured = target.cell.filter(|cell| cell.textured);
+        let lobed = target.cell.filter(|cell| !cell.lobe.is_diffuse());
         if target.whole.is_none() {
             contour::fan_of(target.corners, &mut scratch.fan);
         }
-        let (mut weights, mut sum) = (0.0_f64, DVec3::ZERO);
-        let (mut first_weights, mut first) = (0.0_f64, DVec3::ZERO);
-        for index in 0..count {
-            if index == count / 2 {
-                (first_weights, first) = (weights, sum);
+        let suspects = shots.among.then(|| std::mem::take(&mut scratch.suspects));
+        for index in indices {
+            if index == shots.count / 2 {
+                sums.first = sums.all;
             }
-            // A prefix of the sequence is stratified, too.
-            if calm && index == LOOK && textured.is_none() && tally.is_target_even() {
-                break;
-            }
-            let s = key.point2(index).as_dvec2();
-            let light = target.point(&scratch.fan, s.x, s.y);
+            let s = shots.key.point2(index).as_dvec2();
+            let light = match shots.parts {
+                Some(_) => scratch.remainder.sample(s.x, s.y),
+                None => target.point(&scratch.fan, s.x, s.y),
+            };
             let offset = light - image.position;
             let r2 = offset.length_squared();
             let distance = r2.sqrt();
@@ -237,11 +299,12 @@ impl Lights<'_> {
             if weight <= 0.0 {
                 continue;
             }
-            weights += weight;
-            let mut share = if free && chain.is_none() {
+            sums.all.0 += weight;
+            let mut share = if shots.free {
                 self.tracer.media().transmittance(receiver.media.current(), distance as f32)
             } else {
-                self.throughput(at, light, target.to, distance, suspects.as_ref(), scratch, tally)
+                let among = suspects.as_ref();
+                self.throughput(at, light, target.to, distance, among, scratch, tally)
             };
             if share == Rgb::ZERO {
                 continue;
@@ -250,18 +313,21 @@ impl Lights<'_> {
                 share *= cell.radiance_at(self.tracer, light) / cell.radiance.max(Rgb::splat(1e-30));
             }
             share *= receiver.coat.transmittance((cos / distance) as f32);
-            sum += share.as_dvec3() * weight;
+            sums.all.1 += share.as_dvec3() * weight;
         }
-        if weights <= 0.0 {
+        if let Some(suspects) = suspects {
+            scratch.suspects = suspects;
+        }
+        let unit = shots.parts.unwrap_or(target.unit);
+        let irradiance = |(weights, sum): (f64, DVec3)| target.radiance * ((sum / weights) * unit).as_vec3();
+        let (all, first) = (sums.all, sums.first);
+        if all.0 <= 0.0 {
             return Rgb::ZERO;
         }
-        let irradiance =
-            |sum: DVec3, weights: f64| target.radiance * ((sum / weights) * target.unit).as_vec3();
-        if first_weights > 0.0 && weights > first_weights {
-            tally.split +=
-                irradiance(first, first_weights) - irradiance(sum - first, weights - first_weights);
+        if first.0 > 0.0 && all.0 > first.0 {
+            tally.split += irradiance(first) - irradiance((all.0 - first.0, all.1 - first.1));
         }
-        irradiance(sum, weights)
+        irradiance(all)
     }
 
     /// All small pieces and groups together: systematic samples in proportion to their weights.
@@ -462,6 +528,9 @@ fn place_in_lobe(cell: &Cell, piece: &Piece, image: &Unfolded, (u, v): (f64, f64
     chosen
 }
 
+/// Shares that are known exactly are 0 or 1 to within this: rounding.
+const WHOLE: f64 = 1e-6;
+
 /// Shares of the samples of a target that differ by less than this, relative, count as equal.
 const EQUAL: f32 = 0.05;
 
@@ -493,6 +562,16 @@ impl Tally {
     /// All samples of a target saw the same, of each target.
     pub(super) fn is_even(self) -> bool {
         !self.uneven
+    }
+
+    /// This share of a target is seen.
+    fn exact(&mut self, share: f64) {
+        if share > WHOLE {
+            self.count(Rgb::ONE);
+        }
+        if share < 1.0 - WHOLE {
+            self.count(Rgb::ZERO);
+        }
     }
 
     /// All samples of the present target so far saw the same.
