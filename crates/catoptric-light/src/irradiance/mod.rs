@@ -1,11 +1,13 @@
 //! Irradiance at a point by area emitters and the bright sky: straight, and over image chains.
 //!
-//! Per emitter cell: Lambert's formula on the part above the horizon and inside the mirrors' windows, times the mean
-//! throughput of stratified shadow rays, weighted by the integrand. Unoccluded untextured light is exact, and where the
-//! whole pyramid of shadow rays is empty it needs none. Cosine lobes have a contour formula of their own, and their
-//! factor is part of the integrand.
+//! Per emitter cell: Lambert's formula on the part above the horizon and inside the mirrors' windows. Where nothing is in the
+//! pyramid to it, that is the irradiance; where few triangles are, their shadows are cut out of it, exactly; where more are, the
+//! formula is multiplied by the mean throughput of stratified shadow rays, weighted by the integrand. Textures, coats and
+//! what thins light on the way are sampled. Cosine lobes have a contour formula of their own, and their factor is part of
+//! the integrand.
 //!
-//! The file `seen` holds what a receiver sees of the emitters, `shadow` how much of their light arrives.
+//! The file `seen` holds what a receiver sees of the emitters, `way` what is in the way to it, `shadow` how much of their light
+//! arrives.
 
 mod seen;
 mod shadow;
@@ -118,8 +120,11 @@ impl From<u32> for Samples {
     }
 }
 
-/// Triangles that may be cut out of the sources for each sample: equal shares for all sources (what is brightest may be hidden), no
-/// more than half for one.
+/// Samples in proportion to its light from which on a source is worth strata of its own.
+const OWN_STRATA: f64 = 1.5;
+
+/// Triangles that may be cut out of the sources for each sample: equal shares for all that are worth strata (what is brightest may be
+/// hidden), no more than half for one.
 const SHADOWS_PER_SAMPLE: u32 = 6;
 
 /// Samples of a source that do where the surroundings are calm and they agree.
@@ -270,28 +275,32 @@ impl<'a> Lights<'a> {
             let share = f64::from(samples) / (whole + known);
             let mut leftover = 0.0;
             let targets = (found.pieces.len() + found.lamps.len()) as u32;
-            let shadows = (SHADOWS_PER_SAMPLE * samples).div_ceil(targets.max(2));
+            let each = (SHADOWS_PER_SAMPLE * samples).div_ceil(targets.max(2));
+            let budget = |count: u32, expected: f64| Budget {
+                count: count.clamp(LOOK, samples.max(LOOK)).next_power_of_two(),
+                calm,
+                shadows: if expected < OWN_STRATA { 0 } else { each },
+            };
             for (index, piece) in found.pieces.iter().enumerate() {
                 let expected = piece.weight * share;
-                if expected < 1.5 && !found.is_few() {
+                if expected < OWN_STRATA && !found.is_few() {
                     leftover += piece.weight;
                     continue;
                 }
-                let count = (expected.round() as u32).clamp(LOOK, samples.max(LOOK)).next_power_of_two();
                 let target = Target::piece(piece, &self.emitters);
-                let (budget, key) = (Budget { count, calm, shadows }, key.child(index as u32));
+                let (budget, key) = (budget(expected.round() as u32, expected), key.child(index as u32));
                 result.irradiance += self.strata(at, &target, budget, key, scratch, &mut tally);
                 result.unoccluded += target.irradiance();
                 tally.next_target();
             }
             for (index, part) in found.lamps.iter().enumerate() {
                 let expected = part.weight * share;
-                let count = match expected.ceil() as u32 {
-                    ..2 if !found.is_few() => 1,
-                    count => count.clamp(LOOK, samples.max(LOOK)).next_power_of_two(),
+                let budget = match expected.ceil() as u32 {
+                    ..2 if !found.is_few() => Budget { count: 1, calm, shadows: 0 },
+                    count => budget(count, expected),
                 };
                 let target = Target::lamp(part, &found.corners, &self.emitters);
-                let (budget, key) = (Budget { count, calm, shadows }, key.child(LAMPS + index as u32));
+                let key = key.child(LAMPS + index as u32);
                 result.irradiance += self.strata(at, &target, budget, key, scratch, &mut tally);
                 result.unoccluded += target.irradiance();
                 tally.next_target();
