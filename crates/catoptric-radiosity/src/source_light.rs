@@ -94,7 +94,7 @@ fn area_sources(
     key: Key,
     scratch: &mut Scratch,
 ) -> [SourceIrradiance; 2] {
-    let samples = Samples { count, calm };
+    let samples = Samples { calm, ..Samples::from(count) };
     let direct = lights.direct(receiver, samples, key, scratch);
     let mirrored = lights.mirrored(receiver, samples, direct.irradiance, key.child(1), scratch);
     [direct, mirrored]

@@ -4,7 +4,7 @@
 //! (`catoptric_light::Owner`): pass one computed it by the same function. What hemisphere rays own of these terms is read from
 //! the vertices as ever.
 
-use catoptric_light::irradiance::Scratch;
+use catoptric_light::irradiance::{Samples, Scratch};
 use catoptric_light::{Lights, Receiver};
 use catoptric_scene::Rgb;
 use catoptric_solution::Quality;
@@ -60,8 +60,9 @@ impl SourceLight {
         key: Key,
         scratch: &mut Scratch,
     ) -> Self {
-        let direct = lights.direct(receiver, rays, key, scratch);
-        let mirrored = lights.mirrored(receiver, rays, direct.irradiance, key.child(1), scratch);
+        let samples = Samples::exact(rays);
+        let direct = lights.direct(receiver, samples, key, scratch);
+        let mirrored = lights.mirrored(receiver, samples, direct.irradiance, key.child(1), scratch);
         Self {
             direct: direct.irradiance,
             mirrored: mirrored.irradiance,

@@ -1,5 +1,5 @@
 //! What may lie in a pyramid: from a point to a polygon, such as all shadow rays from a receiver to a lamp at once. Nothing, or a few
-//! triangles, which the rays then ask instead of the tree.
+//! triangles, whose shadows are then cut out of the lamp, or which the rays ask instead of the tree.
 //!
 //! Source: shaft culling (Haines & Wallace 1994), with a point for one of the two ends. The answer is on the safe side:
 //! "empty" is certain, and what only comes near counts as in the way. Keys in docs/references.md: HainesWallace1994.
@@ -13,7 +13,7 @@ use catoptric_scene::TriangleId;
 use crate::eight::{Eight, at_level};
 use crate::packet::{CUT_OUT, PASSES, Packet};
 use crate::plane::{Plane, PlaneId};
-use crate::tree::{LEAF, Node, Tree, leaf};
+use crate::tree::{LEAF, Node, Stack, Tree, leaf};
 
 /// Corners of a base, at most.
 const MAX_CORNERS: usize = 6;
@@ -313,12 +313,9 @@ impl Tree {
             return Some(());
         }
         let mut room = most;
-        // Deeper trees than this are too many.
-        let mut stack = [0_u32; 64];
-        let mut length = 1;
-        while length > 0 {
-            length -= 1;
-            let current = stack[length];
+        let mut stack = Stack::<u32, 64>::new();
+        stack.push(0);
+        while let Some(current) = stack.pop() {
             if current & LEAF != 0 {
                 for index in leaf(current) {
                     let lanes = pyramid.meets_packet(&self.packets[index], self.padding);
@@ -334,8 +331,7 @@ impl Tree {
             while bits != 0 {
                 let slot = bits.trailing_zeros() as usize;
                 bits &= bits - 1;
-                *stack.get_mut(length)? = node.children[slot];
-                length += 1;
+                stack.push(node.children[slot]);
             }
         }
         Some(())

@@ -188,7 +188,7 @@ impl Tree {
         }
         let slabs = Slabs::new(eight, probe);
         // (child, entry distance). Depth × 7 entries at most; deeper trees spill to the heap.
-        let mut stack = Stack::new();
+        let mut stack = Stack::<(u32, f32), 24>::new();
         let mut current = 0_u32;
         'descend: loop {
             if current & LEAF == 0 {
@@ -420,20 +420,20 @@ impl<'a, E: Eight> Slabs<'a, E> {
 }
 
 /// A small stack that spills to the heap, so that no depth loses a hit.
-struct Stack {
-    near: [(u32, f32); 24],
+pub(crate) struct Stack<T, const NEAR: usize> {
+    near: [T; NEAR],
     length: usize,
-    spill: Vec<(u32, f32)>,
+    spill: Vec<T>,
 }
 
-impl Stack {
+impl<T: Copy + Default, const NEAR: usize> Stack<T, NEAR> {
     #[inline(always)]
-    fn new() -> Self {
-        Self { near: [(0, 0.0); 24], length: 0, spill: Vec::new() }
+    pub(crate) fn new() -> Self {
+        Self { near: [T::default(); NEAR], length: 0, spill: Vec::new() }
     }
 
     #[inline(always)]
-    fn push(&mut self, entry: (u32, f32)) {
+    pub(crate) fn push(&mut self, entry: T) {
         if self.length < self.near.len() {
             self.near[self.length] = entry;
             self.length += 1;
@@ -443,7 +443,7 @@ impl Stack {
     }
 
     #[inline(always)]
-    fn pop(&mut self) -> Option<(u32, f32)> {
+    pub(crate) fn pop(&mut self) -> Option<T> {
         if let Some(entry) = self.spill.pop() {
             return Some(entry);
         }

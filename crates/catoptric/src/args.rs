@@ -156,7 +156,8 @@ pub(crate) struct RenderArgs {
 pub(crate) enum Direct {
     /// From the mesh, where it is stored: any number of views cost no more shadow rays.
     Vertices,
-    /// From the emitters, by shadow rays at each pixel: shadows as sharp as they are, and some noise in penumbrae.
+    /// From the emitters at each pixel: shadows as sharp as they are, exact behind few triangles, with some noise in the penumbrae
+    /// of what is curved or many.
     Pixels,
 }
 

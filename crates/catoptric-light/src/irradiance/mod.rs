@@ -88,7 +88,7 @@ pub struct SourceIrradiance {
     pub irradiance: Rgb,
     /// The same if nothing blocked.
     pub unoccluded: Rgb,
-    /// Some strata were visible and some were not.
+    /// Some shadow rays were blocked and some were not: more of them would tell more.
     pub partial: bool,
     /// Each source was wholly visible, or wholly blocked, or equally thinned, as far as the samples tell: more of them
     /// would hardly tell more.
@@ -112,20 +112,33 @@ pub struct Samples {
     /// The places around see each source wholly, or not at all: of one whose first [`LOOK`] samples agree, no more are
     /// taken. Samples alone must not decide this: those that missed what blocks a little would be content.
     pub calm: bool,
+    /// Triangles whose shadows may be cut out of the sources: equal shares for all but minor ones (what is brightest may be hidden), no
+    /// more than half for one.
+    pub shadows: u32,
+}
+
+/// Triangles that are cut out for each shadow ray that they save.
+const SHADOWS_PER_SAMPLE: u32 = 6;
+/// Sources that would send less than this share of all light have no shadows cut out: their noise is as small.
+const MINOR: f64 = 0.05;
+/// More cost more than the rays that see their shadows without visible noise.
+const MAX_SHADOWS: u32 = 384;
+
+impl Samples {
+    /// As many as make shadows without noise, where few do not decide how many more are taken.
+    pub fn exact(count: u32) -> Self {
+        Self { count, calm: false, shadows: MAX_SHADOWS }
+    }
 }
 
 impl From<u32> for Samples {
     fn from(count: u32) -> Self {
-        Self { count, calm: false }
+        Self { count, calm: false, shadows: (SHADOWS_PER_SAMPLE * count).min(MAX_SHADOWS) }
     }
 }
 
 /// Samples in proportion to its light from which on a source is worth strata of its own.
 const OWN_STRATA: f64 = 1.5;
-
-/// Triangles that may be cut out of the sources for each sample: equal shares for all that are worth strata (what is brightest may be
-/// hidden), no more than half for one.
-const SHADOWS_PER_SAMPLE: u32 = 6;
 
 /// Samples of a source that do where the surroundings are calm and they agree.
 pub const LOOK: u32 = 4;
@@ -257,7 +270,7 @@ impl<'a> Lights<'a> {
     fn over(
         &self,
         at: Standpoint,
-        Samples { count: samples, calm }: Samples,
+        Samples { count: samples, calm, shadows }: Samples,
         known: Rgb,
         key: Key,
         scratch: &mut Scratch,
@@ -275,11 +288,12 @@ impl<'a> Lights<'a> {
             let share = f64::from(samples) / (whole + known);
             let mut leftover = 0.0;
             let targets = (found.pieces.len() + found.lamps.len()) as u32;
-            let each = (SHADOWS_PER_SAMPLE * samples).div_ceil(targets.max(2));
-            let budget = |count: u32, expected: f64| Budget {
+            let each = shadows.div_ceil(targets.max(2));
+            let minor = MINOR * (whole + known);
+            let budget = |count: u32, weight: f64| Budget {
                 count: count.clamp(LOOK, samples.max(LOOK)).next_power_of_two(),
                 calm,
-                shadows: if expected < OWN_STRATA { 0 } else { each },
+                shadows: if weight < minor { 0 } else { each },
             };
             for (index, piece) in found.pieces.iter().enumerate() {
                 let expected = piece.weight * share;
@@ -288,7 +302,7 @@ impl<'a> Lights<'a> {
                     continue;
                 }
                 let target = Target::piece(piece, &self.emitters);
-                let (budget, key) = (budget(expected.round() as u32, expected), key.child(index as u32));
+                let (budget, key) = (budget(expected.round() as u32, piece.weight), key.child(index as u32));
                 result.irradiance += self.strata(at, &target, budget, key, scratch, &mut tally);
                 result.unoccluded += target.irradiance();
                 tally.next_target();
@@ -297,7 +311,7 @@ impl<'a> Lights<'a> {
                 let expected = part.weight * share;
                 let budget = match expected.ceil() as u32 {
                     ..2 if !found.is_few() => Budget { count: 1, calm, shadows: 0 },
-                    count => budget(count, expected),
+                    count => budget(count, part.weight),
                 };
                 let target = Target::lamp(part, &found.corners, &self.emitters);
                 let key = key.child(LAMPS + index as u32);

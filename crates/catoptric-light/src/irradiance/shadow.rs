@@ -1,5 +1,5 @@
-//! How much of the sources' light arrives: shadow rays, stratified over each large part and shared among the small ones,
-//! and none where the pyramid before a part is empty. Where it holds few triangles, the rays ask these.
+//! How much of the sources' light arrives: of large parts exactly, where what is in the way is known, or by shadow rays stratified over
+//! each; of small parts by rays that they share. Where few triangles are in the way, the rays ask these.
 
 use std::ops::Range;
 
@@ -564,14 +564,10 @@ impl Tally {
         !self.uneven
     }
 
-    /// This share of a target is seen.
+    /// This share of the present target is known to be seen.
     fn exact(&mut self, share: f64) {
-        if share > WHOLE {
-            self.count(Rgb::ONE);
-        }
-        if share < 1.0 - WHOLE {
-            self.count(Rgb::ZERO);
-        }
+        self.least = self.least.min(if share < 1.0 - WHOLE { 0.0 } else { 1.0 });
+        self.most = self.most.max(if share > WHOLE { 1.0 } else { 0.0 });
     }
 
     /// All samples of the present target so far saw the same.
