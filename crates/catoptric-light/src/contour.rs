@@ -61,7 +61,7 @@ impl Polygon {
     /// The same, written over another polygon: half a kilobyte need not be moved.
     pub fn clip_into(&self, normal: DVec3, offset: f64, result: &mut Self) {
         result.count = 0;
-        clip(self.corners(), normal, offset, |corner| result.push(corner));
+        clip(self.corners(), |c| normal.dot(c) - offset, DVec3::lerp, |corner| result.push(corner));
     }
 
     /// Unit normals, towards the polygon, of the planes through `eye` and each edge.
@@ -132,22 +132,25 @@ pub fn point_in_fan(corners: &[DVec3], sums: &[f64], u: f64, v: f64) -> DVec3 {
 pub fn cut(corners: &mut Vec<DVec3>, normal: DVec3, offset: f64, spare: &mut Vec<DVec3>) {
     if corners.iter().any(|c| normal.dot(*c) - offset < 0.0) {
         spare.clear();
-        clip(corners, normal, offset, |corner| spare.push(corner));
+        clip(corners, |c| normal.dot(c) - offset, DVec3::lerp, |corner| spare.push(corner));
         std::mem::swap(corners, spare);
     }
 }
 
-/// Visits the corners of the part of a polygon where normal·x ≥ offset (Sutherland & Hodgman 1974).
+/// Visits the corners of the part of a polygon whose `height` is not below zero, in space or in a plane (Sutherland & Hodgman 1974).
 #[inline]
-fn clip(corners: &[DVec3], normal: DVec3, offset: f64, mut visit: impl FnMut(DVec3)) {
+pub(crate) fn clip<P: Copy>(
+    corners: &[P],
+    height: impl Fn(P) -> f64,
+    lerp: impl Fn(P, P, f64) -> P,
+    mut visit: impl FnMut(P),
+) {
     let Some(&last) = corners.last() else { return };
-    let mut previous = last;
-    let mut previous_height = normal.dot(previous) - offset;
+    let (mut previous, mut previous_height) = (last, height(last));
     for &corner in corners {
-        let height = normal.dot(corner) - offset;
+        let height = height(corner);
         if (height >= 0.0) != (previous_height >= 0.0) {
-            let t = previous_height / (previous_height - height);
-            visit(previous.lerp(corner, t));
+            visit(lerp(previous, corner, previous_height / (previous_height - height)));
         }
         if height >= 0.0 {
             visit(corner);
@@ -173,7 +176,7 @@ pub fn irradiance_of(point: DVec3, normal: DVec3, corners: &[DVec3], spare: &mut
         return irradiance_above(point, normal, corners);
     }
     spare.clear();
-    clip(corners, normal, height, |corner| spare.push(corner));
+    clip(corners, |c| normal.dot(c) - height, DVec3::lerp, |corner| spare.push(corner));
     irradiance_above(point, normal, spare)
 }
 

@@ -10,7 +10,7 @@ pub mod irradiance;
 pub mod lamp;
 pub mod light_tree;
 pub mod owner;
-pub mod parts;
+mod parts;
 pub mod punctual;
 pub mod receiver;
 pub mod sky;

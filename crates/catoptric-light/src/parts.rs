@@ -9,30 +9,35 @@ use std::ops::Range;
 
 use glam::{DVec2, DVec3};
 
+use catoptric_trace::plane::Plane;
+
+use crate::contour::clip;
+
 /// Coordinates in the plane of a polygon.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Frame {
+pub(crate) struct Frame {
     origin: DVec3,
     axes: [DVec3; 2],
 }
 
 impl Frame {
-    /// Of a convex polygon; `None` if it has no area.
-    pub fn of(polygon: &[DVec3]) -> Option<Self> {
+    fn of(polygon: &[DVec3]) -> Option<Self> {
         let (&origin, rest) = polygon.split_first()?;
         let area: DVec3 = rest.windows(2).map(|w| (w[0] - origin).cross(w[1] - origin)).sum();
         let x = (rest.first()? - origin).try_normalize()?;
         Some(Self { origin, axes: [x, area.try_normalize()?.cross(x)] })
     }
 
-    /// Its image, by what reflects points.
-    pub fn mapped(self, point: impl Fn(DVec3) -> DVec3) -> Self {
-        let origin = point(self.origin);
-        Self { origin, axes: self.axes.map(|axis| point(self.origin + axis) - origin) }
+    /// Its image behind mirrors, of which the last one reflects it first.
+    pub(crate) fn reflected(self, mirrors: &[Plane]) -> Self {
+        mirrors.iter().rev().fold(self, |frame, mirror| Self {
+            origin: mirror.reflect_point(frame.origin),
+            axes: frame.axes.map(|axis| mirror.reflect_vector(axis)),
+        })
     }
 
     /// A point of the plane in space.
-    pub fn point(&self, at: DVec2) -> DVec3 {
+    pub(crate) fn point(&self, at: DVec2) -> DVec3 {
         self.origin + self.axes[0] * at.x + self.axes[1] * at.y
     }
 
@@ -54,25 +59,22 @@ impl HalfPlane {
     fn height(&self, at: DVec2) -> f64 {
         self.normal.dot(at) + self.offset
     }
-
-    fn opposite(self) -> Self {
-        Self { normal: -self.normal, offset: -self.offset }
-    }
 }
 
 /// Corners of a blocker at most: a quadrilateral between two planes.
-pub const MAX_BLOCKER: usize = 6;
+pub(crate) const MAX_BLOCKER: usize = 6;
 
 /// The region of a polygon's plane that a blocker hides from an eye.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Shadow {
+pub(crate) struct Shadow {
     sides: [HalfPlane; MAX_BLOCKER],
     count: usize,
 }
 
 impl Shadow {
-    /// Of a convex blocker of no more than [`MAX_BLOCKER`] corners, all of which lie before the plane of `frame`. `None` where it is seen edge-on.
-    pub fn cast(blocker: &[DVec3], eye: DVec3, frame: &Frame) -> Option<Self> {
+    /// Of a convex blocker of no more than [`MAX_BLOCKER`] corners, all of which lie before the plane of `frame`. `None` where it
+    /// is seen edge-on.
+    pub(crate) fn cast(blocker: &[DVec3], eye: DVec3, frame: &Frame) -> Option<Self> {
         let &first = blocker.first()?;
         let area: DVec3 = blocker.windows(2).skip(1).map(|w| (w[0] - first).cross(w[1] - first)).sum();
         // Seen with the corners counter-clockwise, the inside is left of each edge.
@@ -106,7 +108,7 @@ const TINY: f64 = 1e-10;
 
 /// Convex parts of a polygon, and buffers.
 #[derive(Clone, Debug, Default)]
-pub struct Parts {
+pub(crate) struct Parts {
     frame: Frame,
     now: Pieces,
     next: Pieces,
@@ -143,17 +145,24 @@ impl Pieces {
 }
 
 impl Parts {
-    /// All of a convex polygon with its frame.
-    pub fn reset(&mut self, polygon: &[DVec3], frame: Frame) {
+    /// All of a convex polygon; `None` if it has no area.
+    pub(crate) fn reset(&mut self, polygon: &[DVec3]) -> Option<()> {
+        let frame = Frame::of(polygon)?;
         self.frame = frame;
         self.now.clear();
         self.now.corners.extend(polygon.iter().map(|&corner| frame.at(corner)));
         self.now.ends.push(polygon.len());
         self.tiny = TINY * area(&self.now.corners);
+        Some(())
+    }
+
+    /// Coordinates in the plane of the polygon.
+    pub(crate) fn frame(&self) -> Frame {
+        self.frame
     }
 
     /// Leaves what is not in the shadow; `false` if that falls into too many parts.
-    pub fn remove(&mut self, shadow: &Shadow) -> bool {
+    pub(crate) fn remove(&mut self, shadow: &Shadow) -> bool {
         let is_outside =
             |part: &[DVec2]| shadow.sides().iter().any(|s| part.iter().all(|&c| s.height(c) <= 0.0));
         let Some(first) = self.now.iter().position(|part| !is_outside(part)) else { return true };
@@ -174,14 +183,14 @@ impl Parts {
                     continue;
                 }
                 let start = next.corners.len();
-                clip(rest, side.opposite(), &mut next.corners);
+                clip(rest, |c| -side.height(c), DVec2::lerp, |c| next.corners.push(c));
                 if area(&next.corners[start..]) > *tiny {
                     next.ends.push(next.corners.len());
                 } else {
                     next.corners.truncate(start);
                 }
                 spare.clear();
-                clip(rest, *side, spare);
+                clip(rest, |c| side.height(c), DVec2::lerp, |c| spare.push(c));
                 std::mem::swap(rest, spare);
                 if rest.len() < 3 {
                     break;
@@ -199,12 +208,12 @@ impl Parts {
     }
 
     /// Whether nothing is left.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.now.ends.is_empty()
     }
 
     /// Visits the corners of each part, in space.
-    pub fn visit(&self, corners: &mut Vec<DVec3>, mut part: impl FnMut(&[DVec3])) {
+    pub(crate) fn visit(&self, corners: &mut Vec<DVec3>, mut part: impl FnMut(&[DVec3])) {
         for piece in self.now.iter() {
             corners.clear();
             corners.extend(piece.iter().map(|&c| self.frame.point(c)));
@@ -213,7 +222,7 @@ impl Parts {
     }
 
     /// A point of the parts, uniform by area, by unit-square coordinates.
-    pub fn sample(&self, u: f64, v: f64) -> DVec3 {
+    pub(crate) fn sample(&self, u: f64, v: f64) -> DVec3 {
         let total: f64 = self.now.iter().map(area).sum();
         let mut along = u * total;
         let mut last = DVec2::ZERO;
@@ -239,22 +248,6 @@ fn area(corners: &[DVec2]) -> f64 {
     0.5 * doubled.abs()
 }
 
-/// Adds the corners of the part of a polygon inside of a half-plane (Sutherland & Hodgman 1974).
-fn clip(corners: &[DVec2], inside: HalfPlane, result: &mut Vec<DVec2>) {
-    let Some(&last) = corners.last() else { return };
-    let (mut previous, mut previous_height) = (last, inside.height(last));
-    for &corner in corners {
-        let height = inside.height(corner);
-        if (height >= 0.0) != (previous_height >= 0.0) {
-            result.push(previous.lerp(corner, previous_height / (previous_height - height)));
-        }
-        if height >= 0.0 {
-            result.push(corner);
-        }
-        (previous, previous_height) = (corner, height);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use catoptric_trace::sequence::{Key, Purpose};
@@ -274,9 +267,9 @@ mod tests {
     }
 
     fn square() -> (Parts, Frame) {
-        let frame = Frame::of(&SQUARE).expect("an area");
         let mut parts = Parts::default();
-        parts.reset(&SQUARE, frame);
+        parts.reset(&SQUARE).expect("an area");
+        let frame = parts.frame();
         (parts, frame)
     }
 

@@ -6,11 +6,12 @@
 //! what thins light on the way are sampled. Cosine lobes have a contour formula of their own, and their factor is part of
 //! the integrand.
 //!
-//! The file `seen` holds what a receiver sees of the emitters, `way` what is in the way to it, `shadow` how much of their light
-//! arrives.
+//! The file `seen` holds what a receiver sees of the emitters, `way` what is in the way to a large one, `shadow` how much of its light
+//! arrives, `shared` that of many small ones.
 
 mod seen;
 mod shadow;
+mod shared;
 mod way;
 
 use glam::Vec3;
@@ -121,11 +122,11 @@ pub struct Samples {
 const SHADOWS_PER_SAMPLE: u32 = 6;
 /// Sources that would send less than this share of all light have no shadows cut out: their noise is as small.
 const MINOR: f64 = 0.05;
-/// More cost more than the rays that see their shadows without visible noise.
+/// Bounds what one receiver costs.
 const MAX_SHADOWS: u32 = 384;
 
 impl Samples {
-    /// As many as make shadows without noise, where few do not decide how many more are taken.
+    /// With as many shadows cut out as ever, however few the samples are: where they must not show noise by themselves, as at pixels.
     pub fn exact(count: u32) -> Self {
         Self { count, calm: false, shadows: MAX_SHADOWS }
     }

@@ -4,11 +4,12 @@
 use glam::{DVec3, Vec3};
 
 use catoptric_trace::beam::{Base, End, Pyramid, Suspect, Suspects};
+use catoptric_trace::plane::Plane;
 use catoptric_trace::{PlaneId, Tracer};
 
 use crate::chains::Unfolded;
 use crate::contour::{self, Polygon};
-use crate::parts::{Frame, Parts, Shadow};
+use crate::parts::{Parts, Shadow};
 
 use super::shadow::{Goal, Target};
 use super::{Lights, Scratch, Standpoint};
@@ -79,11 +80,8 @@ impl Lights<'_> {
                 return None;
             }
             if !suspects.is_empty() {
-                let image =
-                    |point| mirrors.iter().rev().fold(point, |p: DVec3, plane| plane.reflect_point(p));
-                let frame = Frame::of(target.corners)?.mapped(image);
                 let before = (level > 0).then_some(near);
-                remainder.cut_out(self.tracer, target, eye, &frame, [before, Some(far)], suspects)?;
+                remainder.cut_out(self.tracer, target, eye, mirrors, [before, Some(far)], suspects)?;
             }
             eye = mirrors[0].reflect_point(eye);
             near = End::mirror(&mirrors[0], id, image.reflected(&mirrors[0]).corners()[0]);
@@ -97,13 +95,9 @@ impl Lights<'_> {
         }
         if !suspects.is_empty() {
             let before = at.chain.map(|_| near);
-            let is_cut =
-                suspects.triangle_count() <= shadows && self.stand_before(target, suspects, eye) && {
-                    let frame = Frame::of(target.corners)?;
-                    remainder
-                        .cut_out(self.tracer, target, eye, &frame, [before, Some(far)], suspects)
-                        .is_some()
-                };
+            let is_cut = suspects.triangle_count() <= shadows
+                && self.stand_before(target, suspects, eye)
+                && remainder.cut_out(self.tracer, target, eye, &[], [before, Some(far)], suspects).is_some();
             if !is_cut {
                 return (suspects.packet_count() <= packets).then_some(Way::Among);
             }
@@ -142,21 +136,22 @@ impl Remainder {
         self.passes = false;
     }
 
-    /// Cuts the shadows of what is suspected between two ends out of a target, whose plane is seen as `frame` from `eye`. `None`
-    /// where they have holes, or where the rest falls into too many parts.
+    /// Cuts the shadows of what is suspected between two ends out of a target, whose image behind `mirrors` is seen from `eye`.
+    /// `None` where they have holes, or where the rest falls into too many parts.
     fn cut_out(
         &mut self,
         tracer: &Tracer,
         target: &Target,
         eye: DVec3,
-        frame: &Frame,
+        mirrors: &[Plane],
         ends: [Option<End>; 2],
         suspects: &Suspects,
     ) -> Option<()> {
         if !self.is_begun {
             self.is_begun = true;
-            self.parts.reset(target.corners, Frame::of(target.corners)?);
+            self.parts.reset(target.corners)?;
         }
+        let frame = self.parts.frame().reflected(mirrors);
         // In an order that is not the tree's.
         self.triangles.clear();
         self.triangles.extend(tracer.suspected(suspects));
@@ -189,7 +184,7 @@ impl Remainder {
             for end in ends.iter().flatten() {
                 contour::cut(corners, end.normal(), end.offset(), spare);
             }
-            if let Some(shadow) = Shadow::cast(corners, eye, frame) {
+            if let Some(shadow) = Shadow::cast(corners, eye, &frame) {
                 if !self.parts.remove(&shadow) {
                     return None;
                 }

@@ -1,0 +1,225 @@
+//! Shadow rays that small sources share, systematically in proportion to what each sends.
+
+use glam::DVec3;
+
+use catoptric_scene::{Rgb, Sky};
+use catoptric_trace::PlaneId;
+use catoptric_trace::sequence::Key;
+
+use crate::chains::Unfolded;
+use crate::emitter::Cell;
+use crate::light_tree::Windows;
+
+use super::seen::{Found, Piece};
+use super::shadow::{Goal, Tally};
+use super::{Lights, Scratch, SourceIrradiance, Standpoint};
+
+/// What shares its samples with others.
+#[derive(Clone, Copy)]
+enum Shared<'a> {
+    Piece(&'a Piece),
+    Small(u32),
+    Loose(u32),
+}
+
+/// Places in a small piece of a lobe that are weighed for one shadow ray.
+const PLACES: u32 = 8;
+
+impl Lights<'_> {
+    /// All small pieces and groups together: systematic samples in proportion to their weights.
+    pub(super) fn shared(
+        &self,
+        at: Standpoint,
+        found: &Found,
+        (total, share, samples): (f64, f64, u32),
+        key: Key,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> SourceIrradiance {
+        let (receiver, image) = (at.receiver, at.image);
+        let mut result = SourceIrradiance::DARK;
+        let count = ((total * share).ceil() as u32).clamp(4.min(samples.max(1)), samples.max(1));
+        let step = total / f64::from(count);
+        let key = key.child(0xffff);
+        let mut next = f64::from(key.uniform(0)) * step;
+        let mut position = 0.0;
+        let mut drawn = 0;
+        let few = found.is_few();
+        let shares = |p: &Piece| p.weight * share < 1.5 && !few;
+        let pieces = found.pieces.iter().filter(|p| shares(p)).map(|p| (Shared::Piece(p), p.weight));
+        let small = found.small.iter().map(|s| (Shared::Small(s.0), s.1));
+        let loose = found.loose.iter().map(|s| (Shared::Loose(s.0), s.1));
+        for (which, weight) in pieces.chain(small).chain(loose) {
+            let known = match which {
+                Shared::Small(group) => self.emitters.tree().irradiance(group, image.position, image.normal),
+                Shared::Piece(piece) => piece.irradiance(&self.emitters),
+                Shared::Loose(_) => Rgb::ZERO,
+            };
+            result.unoccluded += known;
+            while next < position + weight && drawn < count {
+                let inner = ((next - position) / weight).clamp(0.0, 1.0 - 1e-12);
+                let sampled = self.sample(which, known, image, &found.windows, inner, key, drawn + 1);
+                next += step;
+                drawn += 1;
+                let Some((index, light, whole)) = sampled else { continue };
+                let cell = &self.emitters.cells()[index as usize];
+                // Each sample stands for an equal share of the weight.
+                let mut each = whole * (step / weight) as f32;
+                if let Shared::Loose(_) = which {
+                    result.unoccluded += each;
+                }
+                let offset = light - image.position;
+                let distance = offset.length();
+                let cos = (image.normal.dot(offset) / distance) as f32;
+                if cell.textured {
+                    each *= cell.radiance_at(self.tracer, light) / cell.radiance.max(Rgb::splat(1e-30));
+                }
+                let seen =
+                    self.throughput(at, light, Goal::Plane(cell.plane), distance, None, scratch, tally);
+                let found = each * seen * receiver.coat.transmittance(cos);
+                result.irradiance += found;
+                tally.systematic(drawn, count, found);
+            }
+            position += weight;
+        }
+        result
+    }
+
+    /// A point of what is shared: its cell, the point, and the irradiance of the whole (`known`, or by this sample).
+    fn sample(
+        &self,
+        which: Shared,
+        known: Rgb,
+        image: &Unfolded,
+        windows: &Windows,
+        inner: f64,
+        key: Key,
+        number: u32,
+    ) -> Option<(u32, DVec3, Rgb)> {
+        let other = f64::from(key.point1(number));
+        let tree = self.emitters.tree();
+        match which {
+            Shared::Piece(piece) => {
+                let light = self.place(piece, image, (inner, other), key.child(number));
+                Some((piece.cell, light, known))
+            }
+            Shared::Small(group) => {
+                let (index, rest) = tree.choose(group, inner);
+                Some((index, self.emitters.cells()[index as usize].point(rest, other), known))
+            }
+            Shared::Loose(group) => {
+                let (index, probability, rest) = tree.draw(group, &image.view(windows), inner)?;
+                let cell = &self.emitters.cells()[index as usize];
+                if !cell.faces(image.position) {
+                    return None;
+                }
+                if let Some(unit) = Self::unit_of_whole(cell, image, windows) {
+                    let whole = cell.radiance * (unit / probability) as f32;
+                    return (unit > 0.0).then(|| (index, cell.point(rest, other), whole));
+                }
+                // Of the parts of the cell, seen through several windows, one in proportion.
+                let mut chosen: Option<Piece> = None;
+                let (mut total, mut count) = (0.0, 0);
+                let key = key.child(number);
+                self.pieces_of(index, image, windows, |piece| {
+                    total += piece.unit;
+                    count += 1;
+                    if f64::from(key.uniform(count)) * total < piece.unit {
+                        chosen = Some(piece);
+                    }
+                });
+                let light = self.place(&chosen?, image, (rest, other), key.child(0));
+                Some((index, light, cell.radiance * (total / probability) as f32))
+            }
+        }
+    }
+
+    /// A point of a piece for what shares its samples. Small pieces that are diffuse send about the same from
+    /// everywhere; of a lobe, however small the piece, one of some places is taken in proportion to what it sends, so
+    /// that the piece's irradiance is exact where nothing blocks.
+    fn place(&self, piece: &Piece, image: &Unfolded, (u, v): (f64, f64), key: Key) -> DVec3 {
+        let cell = &self.emitters.cells()[piece.cell as usize];
+        if cell.lobe.is_diffuse() {
+            piece.polygon.point(u, v)
+        } else {
+            place_in_lobe(cell, piece, image, (u, v), key)
+        }
+    }
+
+    /// Bright texels of the sky, by systematic samples in proportion to what they send.
+    pub(super) fn bright_part(
+        &self,
+        at: Standpoint,
+        samples: u32,
+        known: f64,
+        key: Key,
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) -> SourceIrradiance {
+        let (receiver, image) = (at.receiver, at.image);
+        let mut result = SourceIrradiance::DARK;
+        let Some(Sky::Image(map)) = self.tracer.scene().sky() else { return result };
+        let mut texels = std::mem::take(&mut scratch.texels);
+        texels.clear();
+        let mut total = 0.0_f64;
+        for (index, texel) in self.bright.texels().iter().enumerate() {
+            let direction = texel.direction.as_dvec3();
+            let cos = image.normal.dot(direction);
+            if cos > 0.0 && image.geometric.dot(direction) > 0.0 {
+                let weight = texel.power.element_sum() * cos as f32;
+                total += f64::from(weight);
+                texels.push((index as u32, weight));
+                result.unoccluded += texel.power * cos as f32;
+            }
+        }
+        let expected = f64::from(samples) * total / (total + known).max(f64::MIN_POSITIVE);
+        let count = (expected.ceil() as u32).clamp(4.min(samples.max(1)), samples.max(1));
+        let step = total / f64::from(count);
+        let key = key.child(0xfffe);
+        let mut next = f64::from(key.uniform(0)) * step;
+        let mut position = 0.0;
+        let mut drawn = 0;
+        for &(index, weight) in &texels {
+            let weight = f64::from(weight);
+            let texel = &self.bright.texels()[index as usize];
+            while next < position + weight && drawn < count {
+                let jitter = key.point2(drawn + 1);
+                let direction = self.bright.direction_in(map, texel, jitter.x, jitter.y);
+                let cos = image.normal.dot(direction.as_dvec3()).max(0.0);
+                let light = image.position + direction.as_dvec3() * f64::from(self.far);
+                let seen = self.throughput(at, light, Goal::Plane(PlaneId::NONE), 0.0, None, scratch, tally);
+                let center_cos = image.normal.dot(texel.direction.as_dvec3());
+                let each = texel.power * (center_cos * step / weight) as f32;
+                let tilt = (cos / center_cos) as f32;
+                let found = each * tilt * seen * receiver.coat.transmittance(cos as f32);
+                result.irradiance += found;
+                next += step;
+                drawn += 1;
+                tally.systematic(drawn, count, found);
+            }
+            position += weight;
+        }
+        scratch.texels = texels;
+        result
+    }
+}
+
+#[cold]
+fn place_in_lobe(cell: &Cell, piece: &Piece, image: &Unfolded, (u, v): (f64, f64), key: Key) -> DVec3 {
+    let (mut chosen, mut total) = (piece.polygon.point(u, v), 0.0);
+    for index in 0..PLACES {
+        // A rank-1 lattice about (u, v).
+        let (s, t) = (u + f64::from(index) / f64::from(PLACES), v + f64::from(index) * 0.375);
+        let light = piece.polygon.point(s.fract(), t.fract());
+        let offset = light - image.position;
+        let r2 = offset.length_squared();
+        let leaves = -cell.normal.dot(offset) / r2.sqrt();
+        let sent = (image.normal.dot(offset) * leaves).max(0.0) / (r2 * r2.sqrt()).max(1e-300);
+        let weight = sent * cell.lobe.factor(leaves);
+        total += weight;
+        if f64::from(key.uniform(index)) * total < weight {
+            chosen = light;
+        }
+    }
+    chosen
+}
