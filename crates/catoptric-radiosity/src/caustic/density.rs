@@ -14,7 +14,7 @@ use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::Tracer;
 
 use crate::JOB;
-use crate::caustic::deposit::{Deposits, LEVELS, Part};
+use crate::caustic::deposit::{Deposits, LEVELS, Part, Within};
 use crate::draft::{Draft, Leaf};
 
 /// When triangles are fine enough for the caustic term.
@@ -179,8 +179,9 @@ fn halved(draft: &Draft, vertices: [u32; 3]) -> Option<(usize, u32)> {
 
 fn moments(deposits: &Deposits, part: Part, halved: Option<usize>) -> Moments {
     let mut sums = Moments::default();
+    let within = Within::of(part);
     for index in deposits.range(part) {
-        let mut weights = deposits.weights(index, part.level);
+        let mut weights = within.weights(deposits.weights(index));
         let power = deposits.power(index);
         if let Some(k) = halved {
             // The half that holds the point: its corner on the edge gives to the middle.

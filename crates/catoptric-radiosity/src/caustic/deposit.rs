@@ -19,6 +19,8 @@ pub(super) const LEVELS: u32 = 14;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Deposit {
     pub(super) code: u64,
+    /// Barycentric weights in the base triangle.
+    pub(super) weights: [f32; 3],
     pub(super) power: Rgb,
 }
 
@@ -26,6 +28,8 @@ pub(super) struct Deposit {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Deposits {
     codes: Vec<u64>,
+    /// Barycentric weights in the base triangles.
+    weights: Vec<[f32; 3]>,
     powers: Vec<Rgb>,
 }
 
@@ -64,9 +68,11 @@ impl Deposits {
         let mut order: Vec<(u64, u32)> =
             deposits.iter().enumerate().map(|(index, d)| (d.code, index as u32)).collect();
         order.par_sort_unstable();
+        let sorted = || order.iter().map(|o| &deposits[o.1 as usize]);
         Self {
             codes: order.iter().map(|o| o.0).collect(),
-            powers: order.iter().map(|o| deposits[o.1 as usize].power * scale).collect(),
+            weights: sorted().map(|d| d.weights).collect(),
+            powers: sorted().map(|d| d.power * scale).collect(),
         }
     }
 
@@ -103,40 +109,69 @@ impl Deposits {
         &self.powers[range]
     }
 
-    /// Weights of a deposit at the corners of a part that holds it.
+    /// Weights of a deposit at the corners of the base triangle.
     #[inline]
-    pub(super) fn weights(&self, index: usize, level: u32) -> [f32; 3] {
-        let code = self.codes[index];
-        let [mut x, mut y, mut z] = [1.0 / 3.0_f32; 3];
-        for above in 0..LEVELS - level {
-            (x, y, z) = match code >> (2 * above) & 3 {
-                0 => (x + 0.5 * (y + z), 0.5 * y, 0.5 * z),
-                1 => (0.5 * x, y + 0.5 * (x + z), 0.5 * z),
-                2 => (0.5 * x, 0.5 * y, z + 0.5 * (x + y)),
-                _ => (0.5 * (x + z), 0.5 * (x + y), 0.5 * (y + z)),
-            };
-        }
-        [x, y, z]
+    pub(super) fn weights(&self, index: usize) -> [f32; 3] {
+        self.weights[index]
     }
 }
 
-/// The code of a point on a base triangle.
-pub(super) fn code_of(
-    draft: &Draft,
-    mesh: &DisplayMesh,
-    root: u32,
-    located: &Located,
-    position: Vec3,
-) -> u64 {
-    let [a, b, c] = draft.base[root as usize].map(|v| draft.vertices[v as usize].position);
-    let corners = located.vertices.map(|v| mesh.vertices[v as usize].position);
-    // Elements are base triangles but for the halves next to split neighbours.
-    let weights = if corners == [a, b, c] {
-        located.weights.map(f64::from)
-    } else {
-        weights_in_base(draft, root, position)
-    };
-    u64::from(root) << (2 * LEVELS) | digits(weights)
+/// How weights in the base triangle become weights in one of its parts: times `scale`, less `offsets`, in the order `from`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Within {
+    scale: f32,
+    offsets: [f32; 3],
+    from: [usize; 3],
+}
+
+impl Within {
+    /// For a part.
+    pub(super) fn of(part: Part) -> Self {
+        let mut within = Self { scale: 1.0, offsets: [0.0; 3], from: [0, 1, 2] };
+        for level in 1..=part.level {
+            let digit = (part.code >> (2 * (LEVELS - level)) & 3) as usize;
+            let Self { scale, offsets: [x, y, z], from: [a, b, c] } = within;
+            within = if digit == 3 {
+                // 1 − 2z, 1 − 2x, 1 − 2y.
+                let offsets = [z, x, y].map(|offset| -2.0 * offset - 1.0);
+                Self { scale: -2.0 * scale, offsets, from: [c, a, b] }
+            } else {
+                let mut offsets = [x, y, z].map(|offset| 2.0 * offset);
+                offsets[digit] += 1.0;
+                Self { scale: 2.0 * scale, offsets, from: [a, b, c] }
+            };
+        }
+        within
+    }
+
+    /// The weights of a point at the corners of the part.
+    #[inline]
+    pub(super) fn weights(&self, base: [f32; 3]) -> [f32; 3] {
+        std::array::from_fn(|k| base[self.from[k]] * self.scale - self.offsets[k])
+    }
+}
+
+impl Deposit {
+    /// At a point on a base triangle.
+    pub(super) fn at(
+        draft: &Draft,
+        mesh: &DisplayMesh,
+        root: u32,
+        located: &Located,
+        position: Vec3,
+        power: Rgb,
+    ) -> Self {
+        let [a, b, c] = draft.base[root as usize].map(|v| draft.vertices[v as usize].position);
+        let corners = located.vertices.map(|v| mesh.vertices[v as usize].position);
+        // Elements are base triangles but for the halves next to split neighbours.
+        let weights = if corners == [a, b, c] {
+            located.weights.map(f64::from)
+        } else {
+            weights_in_base(draft, root, position)
+        };
+        let code = u64::from(root) << (2 * LEVELS) | digits(weights);
+        Self { code, weights: weights.map(|w| w as f32), power }
+    }
 }
 
 fn weights_in_base(draft: &Draft, root: u32, position: Vec3) -> [f64; 3] {
@@ -150,20 +185,32 @@ fn weights_in_base(draft: &Draft, root: u32, position: Vec3) -> [f64; 3] {
 }
 
 /// The parts that hold a point, as digits to base four.
-fn digits([mut x, mut y, mut z]: [f64; 3]) -> u64 {
+fn digits([x, y, _]: [f64; 3]) -> u64 {
+    // The smallest part by the whole numbers of its weights: they sum to one less than the size, or two where it stands on its head.
+    let size = 1_i32 << LEVELS;
+    let (x, y) = (x * f64::from(size), y * f64::from(size));
+    let (mut i, mut j) = ((x as i32).min(size - 1), (y as i32).min(size - 1));
+    let over = x - f64::from(i) + y - f64::from(j) > 1.0;
+    let mut k = size - 1 - i - j - i32::from(over);
+    if k < 0 {
+        // On the edge, or rounded beyond it.
+        k = 0;
+        if i + j >= size {
+            (i, j) = if i > j { (size - 1 - j, j) } else { (i, size - 1 - i) };
+        }
+    }
+    // Each level looks at one bit of each. The middle part stands on its head: its weights are 1 − 2z, 1 − 2x, 1 − 2y of the whole,
+    // so that bits are turned over and belong to the next corner.
+    let (mut turned, mut shift) = (0, 0);
     let mut code = 0;
-    for _ in 0..LEVELS {
-        let digit;
-        (digit, x, y, z) = if x >= 0.5 {
-            (0, 2.0 * x - 1.0, 2.0 * y, 2.0 * z)
-        } else if y >= 0.5 {
-            (1, 2.0 * x, 2.0 * y - 1.0, 2.0 * z)
-        } else if z >= 0.5 {
-            (2, 2.0 * x, 2.0 * y, 2.0 * z - 1.0)
-        } else {
-            (3, x + y - z, y + z - x, x + z - y)
-        };
-        code = code << 2 | digit;
+    for level in (0..LEVELS).rev() {
+        let bit = |w: i32| (w >> level & 1 ^ turned) as u32;
+        let (a, b, c) = (bit(i), bit(j), bit(k));
+        let corner = (b + 2 * c + shift) % 3;
+        let is_middle = a | b | c == 0;
+        code = code << 2 | if is_middle { 3 } else { u64::from(corner) };
+        turned ^= i32::from(is_middle);
+        shift = (shift + u32::from(is_middle)) % 3;
     }
     code
 }
@@ -172,14 +219,62 @@ fn digits([mut x, mut y, mut z]: [f64; 3]) -> u64 {
 mod tests {
     use super::*;
 
+    /// Weights of the middle of the part that digits name, by the way in which triangles are split.
+    fn middle(code: u64, levels: u32) -> [f64; 3] {
+        let [mut x, mut y, mut z] = [1.0 / 3.0; 3];
+        for above in 0..levels {
+            (x, y, z) = match code >> (2 * above) & 3 {
+                0 => (x + 0.5 * (y + z), 0.5 * y, 0.5 * z),
+                1 => (0.5 * x, y + 0.5 * (x + z), 0.5 * z),
+                2 => (0.5 * x, 0.5 * y, z + 0.5 * (x + y)),
+                _ => (0.5 * (x + z), 0.5 * (x + y), 0.5 * (y + z)),
+            };
+        }
+        [x, y, z]
+    }
+
+    const POINTS: [(f64, f64); 10] = [
+        (0.1, 0.2),
+        (0.7, 0.1),
+        (0.05, 0.9),
+        (0.31, 0.36),
+        (0.5, 0.25),
+        (0.0, 0.0),
+        (0.0, 1.0),
+        (1.0, 0.0),
+        (0.5, 0.5),
+        (0.300_000_000_000_000_04, 0.7),
+    ];
+
     #[test]
     fn a_code_leads_back_to_its_point() {
-        for (u, v) in [(0.1, 0.2), (0.7, 0.1), (0.05, 0.9), (0.31, 0.36), (0.5, 0.25), (0.0, 1.0)] {
+        for (u, v) in POINTS {
             let weights = [1.0 - u - v, u, v];
-            let deposits = [Deposit { code: digits(weights), power: Rgb::ONE }];
-            let found = Deposits::new(&deposits, 1.0).weights(0, 0);
+            let found = middle(digits(weights), LEVELS);
             for k in 0..3 {
-                assert!((f64::from(found[k]) - weights[k]).abs() < 1e-4, "{weights:?} {found:?}");
+                // The smallest part around it.
+                assert!(
+                    (found[k] - weights[k]).abs() < 1.0 / f64::from(1 << LEVELS),
+                    "{weights:?} {found:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn weights_in_a_part_are_those_of_the_digits_that_are_left() {
+        for (u, v) in POINTS {
+            let code = digits([1.0 - u - v, u, v]);
+            let base = middle(code, LEVELS).map(|w| w as f32);
+            for level in 0..LEVELS {
+                let shift = 2 * (LEVELS - level);
+                let found = Within::of(Part { code: code >> shift << shift, level }).weights(base);
+                let rest = middle(code, LEVELS - level);
+                // Rounding grows with the scale.
+                let tolerance = f64::from(1 << level) * f64::from(f32::EPSILON);
+                for k in 0..3 {
+                    assert!((f64::from(found[k]) - rest[k]).abs() < tolerance, "{level}: {found:?} {rest:?}");
+                }
             }
         }
     }

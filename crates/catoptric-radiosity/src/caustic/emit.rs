@@ -13,7 +13,7 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use catoptric_trace::walk::{self, Arrival, WalkParams};
 use catoptric_trace::{Chain, Event, Hit, Ledger, Ray};
 
-use crate::caustic::deposit::{Deposit, code_of};
+use crate::caustic::deposit::Deposit;
 use crate::caustic::source::{self, Source};
 use crate::caustic::table::Table;
 use crate::caustic::target::{self, Target};
@@ -311,8 +311,15 @@ impl<'a> Emission<'a> {
         };
         let factor = strength * interaction.receives * shading / (geometric * opacity);
         let root = self.base.roots[located.element as usize];
-        let code = code_of(self.draft, &self.base.mesh, root, &located, arrival.position);
-        harvest.deposits.push(Deposit { code, power: arrival.throughput * factor });
+        let power = arrival.throughput * factor;
+        harvest.deposits.push(Deposit::at(
+            self.draft,
+            &self.base.mesh,
+            root,
+            &located,
+            arrival.position,
+            power,
+        ));
         true
     }
 }
