@@ -169,6 +169,11 @@ impl Deposit {
         } else {
             weights_in_base(draft, root, position)
         };
+        Self::of(root, weights, power)
+    }
+
+    /// At barycentric weights in a base triangle.
+    pub(super) fn of(root: u32, weights: [f64; 3], power: Rgb) -> Self {
         let code = u64::from(root) << (2 * LEVELS) | digits(weights);
         Self { code, weights: weights.map(|w| w as f32), power }
     }

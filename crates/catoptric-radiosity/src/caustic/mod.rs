@@ -49,7 +49,7 @@ impl CausticParams {
         let (max_rays, max_vertices, noise) = match quality {
             Quality::Sketch => (1 << 16, 2_000, 0.1),
             Quality::Draft => (1 << 18, 6_000, 0.06),
-            Quality::Standard => (1 << 20, 20_000, 0.046),
+            Quality::Standard => (1 << 20, 20_000, 0.036),
             Quality::High => (1 << 22, 200_000, 0.026),
         };
         Self {
@@ -59,7 +59,8 @@ impl CausticParams {
             density: DensityParams {
                 max_vertices,
                 rounds: 10,
-                significance: [3.5, 2.1],
+                significance: [2.9, 1.85],
+                certainty: [8.0, 3.6],
                 tolerance: 0.01,
                 min_count: 16.0,
                 min_edge: 0.0,
