@@ -9,8 +9,9 @@ use std::ops::Range;
 use glam::{Vec2, Vec3};
 
 use catoptric_light::{Lights, Owner, PathClass, Receiver};
-use catoptric_scene::{Rgb, Side, TriangleId};
+use catoptric_scene::Rgb;
 use catoptric_solution::DisplayMesh;
+use catoptric_solution::mesh::Located;
 use catoptric_trace::sequence::{Key, cosine_hemisphere, frame};
 use catoptric_trace::walk::{self, Arrival, End, WalkParams};
 use catoptric_trace::{Chain, Hit, Ledger, MediumId, MediumStack, Ray, Tracer};
@@ -44,31 +45,26 @@ pub struct DiffuseLight<'a> {
 }
 
 impl DiffuseLight<'_> {
-    /// Irradiance on a side of a triangle.
+    /// Irradiance at a place on the mesh.
     #[inline]
-    pub fn at(&self, triangle: TriangleId, side: Side, position: Vec3) -> Option<Rgb> {
-        let located = self.mesh.locate(triangle, side, position)?;
+    fn at(&self, located: &Located) -> Rgb {
         let [a, b, c] = located.vertices.map(|v| self.irradiance[v as usize]);
-        Some(a * located.weights[0] + b * located.weights[1] + c * located.weights[2])
+        a * located.weights[0] + b * located.weights[1] + c * located.weights[2]
     }
 
-    /// Radiosity / π that a surface sends back to the ray that arrives: ρ·H on its side, τ·H of the other, and the medium.
+    /// The places whose irradiance a surface sends back to the ray that arrives, and what that counts: ρ/π on its side, τ/π on the
+    /// other, and the opacity and the coat there.
     #[inline]
-    pub fn radiance(&self, arrival: &Arrival) -> Rgb {
+    fn sent_back(&self, arrival: &Arrival, mut visit: impl FnMut(&Located, Rgb)) {
         let interaction = arrival.interaction;
         let (triangle, side) = (arrival.hit.triangle, interaction.side);
-        let mut radiosity = Rgb::ZERO;
-        if interaction.reflectance.max_element() > 0.0
-            && let Some(h) = self.at(triangle, side, arrival.position)
-        {
-            radiosity += h * interaction.reflectance;
+        for (share, side) in [(interaction.reflectance, side), (interaction.transmittance, side.opposite())] {
+            if share.max_element() > 0.0
+                && let Some(located) = self.mesh.locate(triangle, side, arrival.position)
+            {
+                visit(&located, share * (interaction.receives / PI));
+            }
         }
-        if interaction.transmittance.max_element() > 0.0
-            && let Some(h) = self.at(triangle, side.opposite(), arrival.position)
-        {
-            radiosity += h * interaction.transmittance;
-        }
-        radiosity * (interaction.receives / PI)
     }
 }
 
@@ -91,11 +87,20 @@ pub fn gather(
     key: Key,
     params: &WalkParams,
 ) -> Gathered {
-    gather_part(lights, light, receiver, 0..rays, None, key, params, |_, _| ())
+    gather_part(lights, light, receiver, 0..rays, None, key, params, &mut ())
 }
 
-/// Gathers at a receiver with some rays of a sequence, sent as `guide` wants: what they find alone. `note` is told the point
-/// of the unit square that each ray came from and the radiance that it found, all channels.
+/// Who looks on while a gather sends its rays.
+pub trait Witness {
+    /// A ray came from this point of the unit square and found this radiance, all channels.
+    fn sent(&mut self, _point: Vec2, _radiance: f32) {}
+    /// A place on the mesh was met; irradiance there counts `share`.
+    fn met(&mut self, _located: &Located, _share: Rgb) {}
+}
+
+impl Witness for () {}
+
+/// Gathers at a receiver with some rays of a sequence, sent as `guide` wants: what they find alone.
 pub fn gather_part(
     lights: &Lights,
     light: &DiffuseLight,
@@ -104,7 +109,7 @@ pub fn gather_part(
     guide: Option<&Guide>,
     key: Key,
     params: &WalkParams,
-    mut note: impl FnMut(Vec2, f32),
+    witness: &mut impl Witness,
 ) -> Gathered {
     let tracer = lights.tracer();
     let mut result = Gathered::default();
@@ -116,6 +121,7 @@ pub fn gather_part(
     let mut halves = [Half::default(); 2];
     let mut before = Rgb::ZERO;
     let rays = part.len() as u32;
+    let each = PI / rays.max(1) as f32;
     for index in part.clone() {
         let half = usize::from(2 * (index - part.start) >= rays);
         let point =
@@ -128,7 +134,7 @@ pub fn gather_part(
             // Below the surface itself: nothing arrives.
             ledger.absorbed += Rgb::splat(share).as_dvec3();
             halves[half].add(Rgb::ZERO, share);
-            note(point, 0.0);
+            witness.sent(point, 0.0);
             continue;
         }
         let weight = share * if coated { receiver.coat.transmittance(local.z) } else { 1.0 };
@@ -143,7 +149,11 @@ pub fn gather_part(
             &mut ledger,
             |arrival| {
                 let scale = radiance_scale(tracer, receiver.media, arrival.media.current());
-                result.indirect += arrival.throughput * light.radiance(arrival) * scale;
+                let share = arrival.throughput * scale;
+                light.sent_back(arrival, |located, sent| {
+                    result.indirect += light.at(located) * (share * sent);
+                    witness.met(located, share * sent * each);
+                });
                 let emission = arrival.interaction.emission.0;
                 if emission.max_element() > 0.0
                     && lights.owner(lights.source_at(arrival.hit.triangle), arrival.chain)
@@ -168,14 +178,13 @@ pub fn gather_part(
         let found = total - before;
         before = total;
         let single = found.element_sum() / share;
-        note(point, single);
+        witness.sent(point, single);
         halves[half].add(found, share);
         if controlled {
             let control = lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
             halves[half].compare(single, control, share);
         }
     }
-    let each = PI / rays.max(1) as f32;
     for sum in [&mut result.direct, &mut result.mirrored, &mut result.caustic, &mut result.indirect] {
         *sum *= each;
     }

@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 
-use glam::Vec2;
 use rayon::prelude::*;
 
 use catoptric_light::{Lights, Receiver};
@@ -15,11 +14,13 @@ use crate::allocation::{Allocation, areas_around, relative_deviation, vertex_bud
 use crate::display::Displayed;
 use crate::draft::{Draft, drawn_inside};
 use crate::fit::FitSample;
-use crate::gather::{DiffuseLight, Gathered, gather_part};
+use crate::gather::{DiffuseLight, Gathered, Witness, gather_part};
 use crate::guide::{Findings, Guide};
 use crate::hats::{Hats, POINTS_AROUND};
 use crate::sharing::Sharing;
 use crate::solve::SolveParams;
+
+use super::links::{Linking, Links};
 
 /// Irradiance below this share of the scene's mean counts as that much where rays are shared out.
 const FLOOR: f32 = 0.005;
@@ -45,7 +46,7 @@ pub(super) struct Gathers<'a> {
     /// The draft as it is shown.
     pub(super) displayed: Displayed,
     hats: Hats,
-    hidden: &'a [bool],
+    pub(super) hidden: &'a [bool],
     shared: SharedGathers<'a>,
     params: &'a SolveParams,
     progress: &'a dyn Progress,
@@ -67,6 +68,8 @@ pub(super) struct Vertices {
     own: Vec<u32>,
     /// Per vertex of `own`.
     findings: Vec<Findings>,
+    /// Per display vertex: what its rays met.
+    pub(super) links: Vec<Links>,
     /// Per display vertex: its place in `own`; `u32::MAX` for others.
     place: Vec<u32>,
 }
@@ -156,19 +159,26 @@ impl<'a> Gathers<'a> {
         part: Range<u32>,
         guide: Option<&Guide>,
         entity: u64,
-        note: impl FnMut(Vec2, f32),
+        witness: &mut impl Witness,
     ) -> Gathered {
         if self.progress.is_cancelled() {
             return Gathered::default();
         }
         let key = Key::new(self.params.seed, Purpose::Hemisphere, entity);
-        let found = gather_part(self.lights, light, receiver, part, guide, key, &self.params.walk, note);
+        let found = gather_part(self.lights, light, receiver, part, guide, key, &self.params.walk, witness);
         self.progress.advance(1);
         found
     }
 
     /// Gathers at points around a draft vertex, together by about so many rays.
-    fn around(&self, light: &DiffuseLight, vertex: u32, rays: u32, bit: u64) -> Gathered {
+    fn around(
+        &self,
+        light: &DiffuseLight,
+        vertex: u32,
+        rays: u32,
+        bit: u64,
+        witness: &mut impl Witness,
+    ) -> Gathered {
         let mut sum = Gathered::default();
         let key = Key::new(self.params.seed, Purpose::ElementPoint, u64::from(vertex) | bit | AROUND);
         for index in 0..POINTS_AROUND {
@@ -179,7 +189,7 @@ impl<'a> Gathers<'a> {
                 self.draft.receiver_inside(self.lights.tracer(), &self.displayed, element, weights);
             let entity = u64::from(vertex) | bit | u64::from(index) << 50;
             let part = 0..rays.div_ceil(POINTS_AROUND);
-            let found = self.gather(light, &receiver, part, None, entity, |_, _| ());
+            let found = self.gather(light, &receiver, part, None, entity, witness);
             sum.add(&found, 1.0 / POINTS_AROUND as f32);
         }
         sum
@@ -208,29 +218,36 @@ impl<'a> Gathers<'a> {
             place[i as usize] = index as u32;
         }
         let mut gathered = vec![Gathered::default(); mesh.vertices.len()];
-        let of_groups: Vec<Gathered> = shares
-            .par_iter()
-            .with_min_len(8)
-            .with_max_len(JOB)
-            .map(|&i| self.around(light, origin[i as usize], rays[i as usize], 0))
-            .collect();
-        let (first, findings): (Vec<Gathered>, Vec<Findings>) = own
+        let of_groups: Vec<(Gathered, Links)> = shares
             .par_iter()
             .with_min_len(8)
             .with_max_len(JOB)
             .map(|&i| {
-                let (v, mut findings) = (origin[i as usize], Findings::default());
+                let mut witness = Linking::new(rays[i as usize], Findings::default());
+                let found = self.around(light, origin[i as usize], rays[i as usize], 0, &mut witness);
+                witness.links.scale(1.0 / POINTS_AROUND as f32);
+                (found, witness.links)
+            })
+            .collect();
+        let (first, findings): (Vec<(Gathered, Links)>, Vec<Findings>) = own
+            .par_iter()
+            .with_min_len(8)
+            .with_max_len(JOB)
+            .map(|&i| {
+                let v = origin[i as usize];
                 let receiver = draft.gatherer(self.lights.tracer(), v);
-                let part = 0..self.first_rays(rays[i as usize]);
-                let note = |point, radiance| findings.add(point, radiance);
-                let found = self.gather(light, &receiver, part, None, u64::from(v), note);
-                (found, findings)
+                let first = self.first_rays(rays[i as usize]);
+                let mut witness = Linking::new(first, Findings::default());
+                let found = self.gather(light, &receiver, 0..first, None, u64::from(v), &mut witness);
+                ((found, witness.links), witness.findings)
             })
             .unzip();
-        for (&i, found) in shares.iter().chain(&own).zip(of_groups.into_iter().chain(first)) {
+        let mut links = vec![Links::default(); mesh.vertices.len()];
+        for (&i, (found, seen)) in shares.iter().chain(&own).zip(of_groups.into_iter().chain(first)) {
             gathered[i as usize] = found;
+            links[i as usize] = seen;
         }
-        Vertices { gathered, rays, trust, own, findings, place }
+        Vertices { gathered, rays, trust, own, findings, links, place }
     }
 
     /// The guides of the vertices that gather for themselves, by what their neighbours found. A vertex's own rays have no say in
@@ -271,8 +288,8 @@ impl<'a> Gathers<'a> {
         budget: &Budget,
     ) {
         if !self.at_once {
-            let Vertices { gathered, rays, own, findings, .. } = vertices;
-            let more: Vec<(Gathered, u32)> = own
+            let Vertices { gathered, rays, own, findings, links, .. } = vertices;
+            let more: Vec<Option<Again>> = own
                 .par_iter()
                 .zip(guides)
                 .zip(findings)
@@ -285,20 +302,31 @@ impl<'a> Gathers<'a> {
                     let deviation = budget.deviation(guide, budget.least[i as usize]);
                     let all = budget.allocation.rays(rays, deviation);
                     if all <= known {
-                        return (first, known);
+                        return None;
                     }
                     let receiver = self.draft.gatherer(self.lights.tracer(), v);
-                    let note = |point, radiance| findings.add(point, radiance);
-                    let more = self.gather(light, &receiver, known..all, Some(guide), u64::from(v), note);
+                    let mut witness = Linking::new(all - known, std::mem::take(findings));
+                    let more =
+                        self.gather(light, &receiver, known..all, Some(guide), u64::from(v), &mut witness);
+                    *findings = witness.findings;
                     // Each counts by the inverse of its variance.
                     let [even, guided] = [guide.even_deviation(), guide.deviation()].map(|d| d * d);
                     let (one, other) = (known as f32 * guided, (all - known) as f32 * even);
-                    (first.mixed(&more, one / (one + other).max(f32::MIN_POSITIVE)), all)
+                    let share = one / (one + other).max(f32::MIN_POSITIVE);
+                    witness.links.scale(1.0 - share);
+                    Some(Again { found: first.mixed(&more, share), share, links: witness.links, rays: all })
                 })
                 .collect();
-            for (&i, (found, sent)) in own.iter().zip(more) {
-                gathered[i as usize] = found;
-                rays[i as usize] = sent;
+            for (&i, again) in own.iter().zip(more) {
+                let i = i as usize;
+                let Some(again) = again else {
+                    rays[i] = self.first_rays(rays[i]);
+                    continue;
+                };
+                gathered[i] = again.found;
+                rays[i] = again.rays;
+                links[i].scale(again.share);
+                links[i].append(again.links);
             }
         }
         self.shared.fill(&self.displayed, &mut vertices.gathered);
@@ -326,7 +354,7 @@ impl<'a> Gathers<'a> {
                 let rays = budget.allocation.rays(self.params.gather_rays, budget.deviation(&guide, least));
                 let rays = if self.at_once { rays.max(CONTROLLED_RAYS) } else { rays };
                 let entity = index as u64 | AT_SAMPLE;
-                (self.gather(light, &receiver, 0..rays, Some(&guide), entity, |_, _| ()), rays)
+                (self.gather(light, &receiver, 0..rays, Some(&guide), entity, &mut ()), rays)
             })
             .unzip();
         Inside { gathered, rays }
@@ -339,7 +367,7 @@ impl<'a> Gathers<'a> {
             .par_iter()
             .with_min_len(4)
             .with_max_len(JOB)
-            .map(|&v| self.around(light, v, self.params.gather_rays, AROUND_LEAD))
+            .map(|&v| self.around(light, v, self.params.gather_rays, AROUND_LEAD, &mut ()))
             .collect();
         for (&lead, found) in leads.iter().zip(again) {
             vertices.gathered[self.shared.shown[lead as usize] as usize] = found;
@@ -348,7 +376,27 @@ impl<'a> Gathers<'a> {
     }
 }
 
+/// The second half of the rays of a vertex.
+struct Again {
+    /// What both halves found.
+    found: Gathered,
+    /// What the first half counts.
+    share: f32,
+    /// What the second half met, by what it counts.
+    links: Links,
+    /// All rays.
+    rays: u32,
+}
+
 impl Vertices {
+    /// What irradiance per vertex of the mesh that the gathers look at brings to each vertex.
+    pub(super) fn linked(&self, gathers: &Gathers, irradiance: &[Rgb]) -> Vec<Rgb> {
+        let own = |links: &Links| links.gathered(irradiance);
+        let mut all: Vec<Rgb> = self.links.par_iter().with_min_len(256).map(own).collect();
+        gathers.shared.mix(&gathers.displayed, &mut all, |sum, value, weight| *sum += *value * weight);
+        all
+    }
+
     /// The guide by what some display vertices found.
     fn guide(&self, vertices: impl Iterator<Item = u32>) -> Guide {
         let (mut all, mut sum, mut count) = (Findings::default(), Gathered::default(), 0.0_f32);
@@ -395,12 +443,17 @@ impl<'a> SharedGathers<'a> {
     }
 
     fn fill(&self, displayed: &Displayed, gathered: &mut [Gathered]) {
+        self.mix(displayed, gathered, Gathered::add);
+    }
+
+    /// Gives every vertex that is not asked the weighted sum of those that it takes light from.
+    fn mix<T: Default>(&self, displayed: &Displayed, values: &mut [T], add: impl Fn(&mut T, &T, f32)) {
         for (index, &v) in displayed.origin.iter().enumerate().filter(|(_, v)| !self.sharing.is_asked(**v)) {
-            let mut sum = Gathered::default();
+            let mut sum = T::default();
             for &(lead, weight) in self.sharing.parts(v) {
-                sum.add(&gathered[self.shown[lead as usize] as usize], weight);
+                add(&mut sum, &values[self.shown[lead as usize] as usize], weight);
             }
-            gathered[index] = sum;
+            values[index] = sum;
         }
     }
 }

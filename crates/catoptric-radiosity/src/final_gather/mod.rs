@@ -1,9 +1,10 @@
 //! The final gather: light that other diffuse surfaces send, at the vertices and inside the elements of a mesh, fitted, and
 //! corrected by what it found beyond what it saw.
 //!
-//! The file `gathers` sends the rays.
+//! The file `gathers` sends the rays, `links` keeps what those of the vertices met.
 
 mod gathers;
+mod links;
 
 use catoptric_light::Lights;
 use catoptric_scene::{Cancelled, Progress, Rgb};
@@ -16,7 +17,7 @@ use crate::patch::PatchMesh;
 use crate::rows::Row;
 use crate::sharing::Sharing;
 use crate::solve::SolveParams;
-use crate::solver::{SolverParams, reflect_error, spread_error};
+use crate::solver::{SolverParams, spread_error};
 
 use gathers::{Gathers, Vertices};
 
@@ -105,11 +106,6 @@ impl Coarse<'_> {
         spread_error(self.patches, self.rows, &self.means(draft, lack), solver).indirect
     }
 
-    /// The same after one reflection.
-    fn reflected(&self, draft: &Draft, lack: &[Rgb]) -> Vec<Rgb> {
-        reflect_error(self.patches, self.rows, &self.means(draft, lack))
-    }
-
     /// Means per patch of values at the vertices of `draft`.
     fn means(&self, draft: &Draft, values: &[Rgb]) -> Vec<Rgb> {
         let mut mean = vec![Rgb::ZERO; self.patches.len()];
@@ -120,6 +116,11 @@ impl Coarse<'_> {
         }
         mean
     }
+}
+
+/// What was found beyond what was seen.
+fn difference(found: &[Rgb], seen: &[Rgb]) -> Vec<Rgb> {
+    found.iter().zip(seen).map(|(found, seen)| *found - *seen).collect()
 }
 
 /// Hidden corners of elements that can be seen in part show what their neighbours found: nobody sees the dark behind them.
@@ -142,9 +143,9 @@ fn beside_hidden(draft: &Draft, known: &mut [Option<Rgb>]) {
 
 /// Gathers at the vertices and inside the elements of `draft`, and fits.
 ///
-/// Three bounces of refinement for one: the vertices, with few rays, see the coarse solution; the points inside, with many,
-/// see what the vertices found; and what they found beyond what they saw is reflected on over the coarse patches
-/// (Lischinski, Tampieri & Greenberg 1993 gather once, from the coarse solution).
+/// The vertices, with few rays, see the coarse solution, and are solved on what these rays met; the points inside, with many, see
+/// what the vertices hold by that; and what they find beyond it is reflected on over the coarse patches (Lischinski, Tampieri &
+/// Greenberg 1993 gather once, from the coarse solution).
 pub(crate) fn final_gather(
     lights: &Lights,
     sight: &Sight,
@@ -172,12 +173,7 @@ pub(crate) fn final_gather(
     // Kilobytes each.
     drop(guides);
 
-    let mut known: Vec<Option<Rgb>> = vec![None; draft.vertices.len()];
-    for (&v, g) in origin.iter().zip(&vertices.gathered).filter(|(v, _)| !hidden[**v as usize]) {
-        known[v as usize] = Some(g.total());
-    }
-    beside_hidden(draft, &mut known);
-    let looked_at = sight.spread(&known);
+    let looked_at = solved(&gathers, sight, &coarse_seen, &mut vertices);
     let irradiance = sight.with(&looked_at);
     let light = DiffuseLight { mesh, irradiance: &irradiance };
     let inside = gathers.inside(&light, &samples, &vertices, &budget);
@@ -186,15 +182,6 @@ pub(crate) fn final_gather(
         return Err(Cancelled);
     }
 
-    // The vertices saw the coarse solution, the points inside what the vertices found. What these found beyond what they
-    // saw, reflected once, brings them to where the points are, so that they hold the fit where it belongs.
-    let difference = |found: &[Rgb], seen: &[Rgb]| -> Vec<Rgb> {
-        found.iter().zip(seen).map(|(found, seen)| *found - *seen).collect()
-    };
-    let once = spread(draft, coarse.patches, &coarse.reflected(draft, &difference(&looked_at, &coarse_seen)));
-    for (&v, gathered) in origin.iter().zip(&mut vertices.gathered).filter(|(v, _)| !sharing.shares(**v)) {
-        gathered.indirect = (gathered.indirect + once[v as usize]).max(Rgb::ZERO);
-    }
     let FitParams { smoothing, balance, .. } = params.gather_fit;
     let fit_params =
         FitParams { smoothing: smoothing * spacing, balance: balance * spacing, ..params.gather_fit };
@@ -217,6 +204,47 @@ pub(crate) fn final_gather(
         + sharing.leads().len() as u64 * u64::from(params.gather_rays);
     Ok(GatheredLight { terms, rays })
 }
+
+/// Solves the vertices on what their rays met, and returns what the mesh of `sight` holds by that: irradiance per draft vertex. The
+/// rays saw the coarse solution, `seen`; Jacobi steps put what the vertices find in its place.
+fn solved(gathers: &Gathers, sight: &Sight, seen: &[Rgb], vertices: &mut Vertices) -> Vec<Rgb> {
+    let first: Vec<Rgb> = vertices.gathered.iter().map(|g| g.indirect).collect();
+    let mut found = held(gathers, sight, vertices);
+    for _ in 0..MAX_STEPS {
+        let beyond = difference(&found, seen);
+        let shown: Vec<Rgb> = sight.displayed.origin.iter().map(|&v| beyond[v as usize]).collect();
+        let (mut change, mut sum) = (0.0_f64, 0.0_f64);
+        let more = vertices.linked(gathers, &shown);
+        for ((gathered, first), more) in vertices.gathered.iter_mut().zip(&first).zip(more) {
+            let next = (*first + more).max(Rgb::ZERO);
+            change += f64::from((next - gathered.indirect).abs().element_sum());
+            sum += f64::from(next.element_sum());
+            gathered.indirect = next;
+        }
+        found = held(gathers, sight, vertices);
+        if change <= SETTLED * sum {
+            break;
+        }
+    }
+    // Kilobytes each.
+    vertices.links = Vec::new();
+    found
+}
+
+/// What the vertices found, on the mesh of `sight`: irradiance per draft vertex.
+fn held(gathers: &Gathers, sight: &Sight, vertices: &Vertices) -> Vec<Rgb> {
+    let mut known: Vec<Option<Rgb>> = vec![None; gathers.draft.vertices.len()];
+    for (&v, g) in gathers.displayed.origin.iter().zip(&vertices.gathered) {
+        known[v as usize] = (!gathers.hidden[v as usize]).then(|| g.total());
+    }
+    beside_hidden(gathers.draft, &mut known);
+    sight.spread(&known)
+}
+
+/// Jacobi steps at most.
+const MAX_STEPS: u32 = 16;
+/// Mean change of the light by a step, relative, that ends them: smooth errors are left to the coarse solver.
+const SETTLED: f64 = 1e-3;
 
 /// Fits each term: direct, mirrored, caustic and indirect per draft vertex.
 fn fit_terms(

@@ -15,7 +15,7 @@ pub mod two_pass;
 
 use std::str::FromStr;
 
-pub use two_pass::{PatchSolution, SolverParams, reflect_error, solve_patches, spread_error};
+pub use two_pass::{PatchSolution, SolverParams, solve_patches, spread_error};
 
 use crate::method::FactorMatrix;
 

@@ -62,12 +62,6 @@ pub fn spread_error(
     sweep(patches, rows, [error, &vec![Rgb::ZERO; rows.len()]], &[], params, &mut |_, _| ())
 }
 
-/// What becomes of an error of the irradiance after one reflection: F ρ·`error`.
-pub fn reflect_error(patches: &PatchMesh, rows: &[Row], error: &[Rgb]) -> Vec<Rgb> {
-    let sent: Vec<Rgb> = (0..patches.len()).map(|index| radiosity(patches, index, |i| error[i])).collect();
-    rows.iter().map(|row| row.gather(|p: PatchId| sent[p.0 as usize])).collect()
-}
-
 /// What a patch sends: ρ of its irradiance, and τ of the other side's.
 fn radiosity(patches: &PatchMesh, index: usize, irradiance: impl Fn(usize) -> Rgb) -> Rgb {
     let own = patches.reflectances[index] * irradiance(index);

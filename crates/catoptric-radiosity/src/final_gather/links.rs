@@ -1,0 +1,75 @@
+//! Light that goes to and fro between the vertices of the gathers.
+//!
+//! Under a ball on a floor, and along every corner, light dies away within less than a patch. The coarse solution holds its mean
+//! there, and a gather takes but one reflection off that error. So what the rays of a vertex met is kept as links to the mesh
+//! (Hanrahan, Salzman & Aupperle 1991), and the vertices are solved on them, without further rays.
+
+use catoptric_scene::Rgb;
+use catoptric_solution::mesh::Located;
+use glam::Vec2;
+
+use crate::gather::Witness;
+use crate::guide::Findings;
+
+/// A place on the mesh that a gather met, and what irradiance there counts.
+#[derive(Clone, Copy, Debug)]
+struct Link {
+    vertices: [u32; 3],
+    /// Of the first two vertices; that of the last is what is left of 1.
+    weights: [f32; 2],
+    share: Rgb,
+}
+
+/// What one gather met.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Links(Vec<Link>);
+
+impl Links {
+    /// All count less, or more.
+    pub(super) fn scale(&mut self, by: f32) {
+        for link in &mut self.0 {
+            link.share *= by;
+        }
+    }
+
+    /// Adds what another gather met.
+    pub(super) fn append(&mut self, mut other: Self) {
+        self.0.append(&mut other.0);
+    }
+
+    /// What irradiance per vertex of the mesh brings here.
+    pub(super) fn gathered(&self, irradiance: &[Rgb]) -> Rgb {
+        let at = |link: &Link| {
+            let [a, b, c] = link.vertices.map(|v| irradiance[v as usize]);
+            let [u, v] = link.weights;
+            a * u + b * v + c * (1.0 - u - v)
+        };
+        self.0.iter().map(|link| at(link) * link.share).sum()
+    }
+}
+
+/// Keeps what a gather finds by direction, and what it meets.
+pub(super) struct Linking {
+    pub(super) findings: Findings,
+    pub(super) links: Links,
+}
+
+impl Linking {
+    /// For a gather of so many rays that adds to what is known by direction.
+    pub(super) fn new(rays: u32, findings: Findings) -> Self {
+        Self { findings, links: Links(Vec::with_capacity(rays as usize)) }
+    }
+}
+
+impl Witness for Linking {
+    #[inline]
+    fn sent(&mut self, point: Vec2, radiance: f32) {
+        self.findings.add(point, radiance);
+    }
+
+    #[inline]
+    fn met(&mut self, located: &Located, share: Rgb) {
+        let [u, v, _] = located.weights;
+        self.links.0.push(Link { vertices: located.vertices, weights: [u, v], share });
+    }
+}
