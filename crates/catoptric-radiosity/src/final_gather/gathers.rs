@@ -389,9 +389,9 @@ struct Again {
 }
 
 impl Vertices {
-    /// What irradiance per vertex of the mesh that the gathers look at brings to each vertex.
-    pub(super) fn linked(&self, gathers: &Gathers, irradiance: &[Rgb]) -> Vec<Rgb> {
-        let own = |links: &Links| links.gathered(irradiance);
+    /// What irradiance per vertex of `mesh`, which the gathers look at, brings to each vertex.
+    pub(super) fn linked(&self, gathers: &Gathers, mesh: &DisplayMesh, irradiance: &[Rgb]) -> Vec<Rgb> {
+        let own = |links: &Links| links.gathered(mesh, irradiance);
         let mut all: Vec<Rgb> = self.links.par_iter().with_min_len(256).map(own).collect();
         gathers.shared.mix(&gathers.displayed, &mut all, |sum, value, weight| *sum += *value * weight);
         all

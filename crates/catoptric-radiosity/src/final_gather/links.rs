@@ -5,6 +5,7 @@
 //! (Hanrahan, Salzman & Aupperle 1991), and the vertices are solved on them, without further rays.
 
 use catoptric_scene::Rgb;
+use catoptric_solution::DisplayMesh;
 use catoptric_solution::mesh::Located;
 use glam::Vec2;
 
@@ -14,8 +15,8 @@ use crate::guide::Findings;
 /// A place on the mesh that a gather met, and what irradiance there counts.
 #[derive(Clone, Copy, Debug)]
 struct Link {
-    vertices: [u32; 3],
-    /// Of the first two vertices; that of the last is what is left of 1.
+    element: u32,
+    /// Of its first two vertices; that of the last is what is left of 1.
     weights: [f32; 2],
     share: Rgb,
 }
@@ -38,9 +39,9 @@ impl Links {
     }
 
     /// What irradiance per vertex of the mesh brings here.
-    pub(super) fn gathered(&self, irradiance: &[Rgb]) -> Rgb {
+    pub(super) fn gathered(&self, mesh: &DisplayMesh, irradiance: &[Rgb]) -> Rgb {
         let at = |link: &Link| {
-            let [a, b, c] = link.vertices.map(|v| irradiance[v as usize]);
+            let [a, b, c] = mesh.elements[link.element as usize].vertices.map(|v| irradiance[v as usize]);
             let [u, v] = link.weights;
             a * u + b * v + c * (1.0 - u - v)
         };
@@ -70,6 +71,6 @@ impl Witness for Linking {
     #[inline]
     fn met(&mut self, located: &Located, share: Rgb) {
         let [u, v, _] = located.weights;
-        self.links.0.push(Link { vertices: located.vertices, weights: [u, v], share });
+        self.links.0.push(Link { element: located.element, weights: [u, v], share });
     }
 }

@@ -214,7 +214,7 @@ fn solved(gathers: &Gathers, sight: &Sight, seen: &[Rgb], vertices: &mut Vertice
         let beyond = difference(&found, seen);
         let shown: Vec<Rgb> = sight.displayed.origin.iter().map(|&v| beyond[v as usize]).collect();
         let (mut change, mut sum) = (0.0_f64, 0.0_f64);
-        let more = vertices.linked(gathers, &shown);
+        let more = vertices.linked(gathers, &sight.displayed.mesh, &shown);
         for ((gathered, first), more) in vertices.gathered.iter_mut().zip(&first).zip(more) {
             let next = (*first + more).max(Rgb::ZERO);
             change += f64::from((next - gathered.indirect).abs().element_sum());
