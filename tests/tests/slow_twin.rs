@@ -129,6 +129,20 @@ fn every_layer_of_every_scene_agrees_and_no_term_can_go_missing() {
     }
 }
 
+/// A square view from `eye` to `target`.
+fn looking(eye: Vec3, target: Vec3, yfov: f32) -> Camera {
+    let back = (eye - target).normalize_or(Vec3::Z);
+    let right = Vec3::Y.cross(back).normalize_or(Vec3::X);
+    let turn = Mat3::from_cols(right, back.cross(right), back);
+    Camera {
+        name: "camera".to_owned(),
+        world_from_camera: Affine3A::from_mat3_translation(turn, eye),
+        projection: Projection::Perspective { yfov },
+        aspect: Some(1.0),
+        near: 0.0,
+    }
+}
+
 /// A ground with a block, a mirror that throws the sun back at it and a ball of glass, under a sky of 16 × 32 texels one
 /// of which, the sun, is 150 times as bright.
 fn under_the_sun() -> Scene {
@@ -146,17 +160,7 @@ fn under_the_sun() -> Scene {
     // In front of the mirror, half-way up.
     texels[4 * width + 29] = [150.0, 140.0, 120.0];
     parts.sky = Some(Sky::Image(SkyImage { width, height, texels }));
-    let eye = Vec3::new(0.4, 1.9, 4.2);
-    let back = (eye - Vec3::new(0.1, 0.4, 0.0)).normalize_or(Vec3::Z);
-    let right = Vec3::Y.cross(back).normalize_or(Vec3::X);
-    let turn = Mat3::from_cols(right, back.cross(right), back);
-    parts.cameras.push(Camera {
-        name: "camera".to_owned(),
-        world_from_camera: Affine3A::from_mat3_translation(turn, eye),
-        projection: Projection::Perspective { yfov: 0.7 },
-        aspect: Some(1.0),
-        near: 0.0,
-    });
+    parts.cameras.push(looking(Vec3::new(0.4, 1.9, 4.2), Vec3::new(0.1, 0.4, 0.0), 0.7));
     Scene::new(parts).expect("the scene is valid")
 }
 
@@ -241,14 +245,7 @@ fn under_a_lobe(n: f32) -> Scene {
     // Tilted towards the mirror, which a narrow lobe would miss.
     parts.add_quad("lamp", lamp, Vec3::new(-0.2, 1.95, -0.25), Vec3::new(0.5, -0.2, 0.0), 0.5 * z);
     parts.add_sphere("ball", glass, Vec3::new(0.05, 0.5, 0.1), 0.3, 24);
-    let eye = Vec3::new(0.2, 1.0, 3.6);
-    parts.cameras.push(Camera {
-        name: "camera".to_owned(),
-        world_from_camera: Affine3A::from_translation(eye),
-        projection: Projection::Perspective { yfov: 0.75 },
-        aspect: Some(1.0),
-        near: 0.0,
-    });
+    parts.cameras.push(looking(Vec3::new(0.2, 1.0, 3.6), Vec3::new(0.2, 1.0, 0.0), 0.75));
     Scene::new(parts).expect("the scene is valid")
 }
 
@@ -282,16 +279,7 @@ fn under_a_ball() -> Scene {
     parts.add_quad("right", white, Vec3::new(1.5, 0.0, 1.5), 2.2 * y, -3.0 * z);
     parts.add_quad("lamp", lamp, Vec3::new(-0.4, 2.19, -0.4), 0.8 * x, 0.8 * z);
     parts.add_sphere("ball", white, Vec3::new(0.0, 0.35, 0.0), 0.35, 48);
-    let eye = Vec3::new(0.0, 0.02, 0.35);
-    let back = (eye - Vec3::new(0.0, 0.0, 0.06)).normalize_or(Vec3::Z);
-    let turn = Mat3::from_cols(x, back.cross(x), back);
-    parts.cameras.push(Camera {
-        name: "camera".to_owned(),
-        world_from_camera: Affine3A::from_mat3_translation(turn, eye),
-        projection: Projection::Perspective { yfov: 0.3 },
-        aspect: Some(1.0),
-        near: 0.0,
-    });
+    parts.cameras.push(looking(Vec3::new(0.0, 0.02, 0.35), Vec3::new(0.0, 0.0, 0.06), 0.3));
     Scene::new(parts).expect("the scene is valid")
 }
 

@@ -22,6 +22,38 @@ enum Shared<'a> {
     Loose(u32),
 }
 
+/// Systematic samples of weights that come one after the other: in proportion to them, begun anywhere in the first step.
+struct Systematic {
+    step: f64,
+    count: u32,
+    drawn: u32,
+    next: f64,
+    position: f64,
+}
+
+impl Systematic {
+    /// About `expected` samples of weights that sum to `total`: four at least, `most` at most.
+    fn new(total: f64, expected: f64, most: u32, key: Key) -> Self {
+        let most = most.max(1);
+        let count = (expected.ceil() as u32).clamp(4.min(most), most);
+        let step = total / f64::from(count);
+        Self { step, count, drawn: 0, next: f64::from(key.uniform(0)) * step, position: 0.0 }
+    }
+
+    /// The next sample within the present weight: its number, from 1, and its place there in [0, 1). `None` where the next weight
+    /// comes.
+    fn draw(&mut self, weight: f64) -> Option<(u32, f64)> {
+        if self.next >= self.position + weight || self.drawn >= self.count {
+            self.position += weight;
+            return None;
+        }
+        let place = ((self.next - self.position) / weight).clamp(0.0, 1.0 - 1e-12);
+        self.next += self.step;
+        self.drawn += 1;
+        Some((self.drawn, place))
+    }
+}
+
 /// Places in a small piece of a lobe that are weighed for one shadow ray.
 const PLACES: u32 = 8;
 
@@ -38,12 +70,8 @@ impl Lights<'_> {
     ) -> SourceIrradiance {
         let (receiver, image) = (at.receiver, at.image);
         let mut result = SourceIrradiance::DARK;
-        let count = ((total * share).ceil() as u32).clamp(4.min(samples.max(1)), samples.max(1));
-        let step = total / f64::from(count);
         let key = key.child(0xffff);
-        let mut next = f64::from(key.uniform(0)) * step;
-        let mut position = 0.0;
-        let mut drawn = 0;
+        let mut systematic = Systematic::new(total, total * share, samples, key);
         let few = found.is_few();
         let shares = |p: &Piece| p.weight * share < 1.5 && !few;
         let pieces = found.pieces.iter().filter(|p| shares(p)).map(|p| (Shared::Piece(p), p.weight));
@@ -56,15 +84,12 @@ impl Lights<'_> {
                 Shared::Loose(_) => Rgb::ZERO,
             };
             result.unoccluded += known;
-            while next < position + weight && drawn < count {
-                let inner = ((next - position) / weight).clamp(0.0, 1.0 - 1e-12);
-                let sampled = self.sample(which, known, image, &found.windows, inner, key, drawn + 1);
-                next += step;
-                drawn += 1;
+            while let Some((number, inner)) = systematic.draw(weight) {
+                let sampled = self.sample(which, known, image, &found.windows, inner, key, number);
                 let Some((index, light, whole)) = sampled else { continue };
                 let cell = &self.emitters.cells()[index as usize];
                 // Each sample stands for an equal share of the weight.
-                let mut each = whole * (step / weight) as f32;
+                let mut each = whole * (systematic.step / weight) as f32;
                 if let Shared::Loose(_) = which {
                     result.unoccluded += each;
                 }
@@ -78,9 +103,8 @@ impl Lights<'_> {
                     self.throughput(at, light, Goal::Plane(cell.plane), distance, None, scratch, tally);
                 let found = each * seen * receiver.coat.transmittance(cos);
                 result.irradiance += found;
-                tally.systematic(drawn, count, found);
+                tally.systematic(number, systematic.count, found);
             }
-            position += weight;
         }
         result
     }
@@ -173,31 +197,24 @@ impl Lights<'_> {
             }
         }
         let expected = f64::from(samples) * total / (total + known).max(f64::MIN_POSITIVE);
-        let count = (expected.ceil() as u32).clamp(4.min(samples.max(1)), samples.max(1));
-        let step = total / f64::from(count);
         let key = key.child(0xfffe);
-        let mut next = f64::from(key.uniform(0)) * step;
-        let mut position = 0.0;
-        let mut drawn = 0;
+        let mut systematic = Systematic::new(total, expected, samples, key);
         for &(index, weight) in &texels {
             let weight = f64::from(weight);
             let texel = &self.bright.texels()[index as usize];
-            while next < position + weight && drawn < count {
-                let jitter = key.point2(drawn + 1);
+            while let Some((number, _)) = systematic.draw(weight) {
+                let jitter = key.point2(number);
                 let direction = self.bright.direction_in(map, texel, jitter.x, jitter.y);
                 let cos = image.normal.dot(direction.as_dvec3()).max(0.0);
                 let light = image.position + direction.as_dvec3() * f64::from(self.far);
                 let seen = self.throughput(at, light, Goal::Plane(PlaneId::NONE), 0.0, None, scratch, tally);
                 let center_cos = image.normal.dot(texel.direction.as_dvec3());
-                let each = texel.power * (center_cos * step / weight) as f32;
+                let each = texel.power * (center_cos * systematic.step / weight) as f32;
                 let tilt = (cos / center_cos) as f32;
                 let found = each * tilt * seen * receiver.coat.transmittance(cos as f32);
                 result.irradiance += found;
-                next += step;
-                drawn += 1;
-                tally.systematic(drawn, count, found);
+                tally.systematic(number, systematic.count, found);
             }
-            position += weight;
         }
         scratch.texels = texels;
         result

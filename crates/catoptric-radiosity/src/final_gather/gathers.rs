@@ -223,10 +223,10 @@ impl<'a> Gathers<'a> {
             .with_min_len(8)
             .with_max_len(JOB)
             .map(|&i| {
-                let mut witness = Linking::new(rays[i as usize], Findings::default());
-                let found = self.around(light, origin[i as usize], rays[i as usize], 0, &mut witness);
-                witness.links.scale(1.0 / POINTS_AROUND as f32);
-                (found, witness.links)
+                let mut links = Links::with_room(rays[i as usize]);
+                let found = self.around(light, origin[i as usize], rays[i as usize], 0, &mut links);
+                links.scale(1.0 / POINTS_AROUND as f32);
+                (found, links)
             })
             .collect();
         let (first, findings): (Vec<(Gathered, Links)>, Vec<Findings>) = own

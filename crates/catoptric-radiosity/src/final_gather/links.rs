@@ -26,6 +26,11 @@ struct Link {
 pub(super) struct Links(Vec<Link>);
 
 impl Links {
+    /// For a gather of so many rays.
+    pub(super) fn with_room(rays: u32) -> Self {
+        Self(Vec::with_capacity(rays as usize))
+    }
+
     /// All count less, or more.
     pub(super) fn scale(&mut self, by: f32) {
         for link in &mut self.0 {
@@ -58,7 +63,15 @@ pub(super) struct Linking {
 impl Linking {
     /// For a gather of so many rays that adds to what is known by direction.
     pub(super) fn new(rays: u32, findings: Findings) -> Self {
-        Self { findings, links: Links(Vec::with_capacity(rays as usize)) }
+        Self { findings, links: Links::with_room(rays) }
+    }
+}
+
+impl Witness for Links {
+    #[inline]
+    fn met(&mut self, located: &Located, share: Rgb) {
+        let [u, v, _] = located.weights;
+        self.0.push(Link { element: located.element, weights: [u, v], share });
     }
 }
 
@@ -70,7 +83,6 @@ impl Witness for Linking {
 
     #[inline]
     fn met(&mut self, located: &Located, share: Rgb) {
-        let [u, v, _] = located.weights;
-        self.links.0.push(Link { element: located.element, weights: [u, v], share });
+        self.links.met(located, share);
     }
 }
