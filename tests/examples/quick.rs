@@ -65,7 +65,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let solved = solve(&tracer, &budgets(quality), &progress).map_err(|_| "stopped")?;
 
     let camera = loaded.scene.cameras().first().ok_or("the scene has no camera")?;
-    let (width, layers) = (256, rest.len() > 1);
+    let width = std::env::var("WIDTH").ok().and_then(|v| v.parse().ok()).unwrap_or(256);
+    let layers = rest.len() > 1;
     let view = RenderParams::for_quality(quality, width, camera.height_for_width(width));
     let mut view = RenderParams { layers, ..view };
     view.noise = std::env::var("NOISE").ok().and_then(|v| v.parse().ok()).unwrap_or(view.noise);
@@ -109,6 +110,11 @@ fn budgets(quality: Quality) -> SolveParams {
     share("POINTS", &mut params.gather_points);
     count("FITP", &mut params.fit_points);
     count("FITR", &mut params.fit_rays);
+    share("NLTOL", &mut params.near_light.tolerance);
+    count("NLROUNDS", &mut params.near_light.rounds);
+    share("NLSHORT", &mut params.near_light.shortest);
+    share("NLFLOOR", &mut params.near_light.floor);
+    share("NLSHARE", &mut params.near_light.share);
     count("SEED", &mut params.seed);
     count("LIGHT", &mut params.caustic.max_rays);
     share("CNOISE", &mut params.caustic.noise);

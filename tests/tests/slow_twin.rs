@@ -283,33 +283,84 @@ fn under_a_ball() -> Scene {
     Scene::new(parts).expect("the scene is valid")
 }
 
+/// A part of an image layer beside the same part of the twin: means of the sum of channels over pixels, and a standard error.
+struct Part {
+    ours: f64,
+    found: f64,
+    error: f64,
+}
+
+/// The indirect light where a pixel's ray meets a plane at such places.
+fn indirect_where(
+    (image, twin): (&Image, &Twin),
+    camera: &Camera,
+    (point, normal): (Vec3, Vec3),
+    is_there: impl Fn(Vec3) -> bool,
+) -> Part {
+    let layer = &twin.layers[LAYERS.iter().position(|l| *l == "indirect").expect("a layer")];
+    let pixels = image.rgb("indirect").expect("every layer is written");
+    let (mut ours, mut found, mut variance, mut count) = (0.0, 0.0, 0.0, 0);
+    for index in 0..WIDTH * WIDTH {
+        let at = ((index % WIDTH) as f32 + 0.5, (index / WIDTH) as f32 + 0.5);
+        let (origin, direction) = camera.ray(at.0, at.1, WIDTH, WIDTH);
+        let distance = (point - origin).dot(normal) / direction.dot(normal);
+        if distance > 0.0 && is_there(origin + direction * distance) {
+            ours += f64::from(pixels[index].iter().sum::<f32>());
+            found += layer.mean[index].element_sum();
+            variance += layer.variance[index].element_sum() * 3.0;
+            count += 1;
+        }
+    }
+    let count = f64::from(count);
+    Part { ours: ours / count, found: found / count, error: variance.sqrt() / count }
+}
+
 /// Near the foot of a ball, light that goes to and fro between it and the floor is all there is, and dies away within less than a
 /// patch.
 #[test]
 fn light_dies_away_under_a_ball() {
     let scene = under_a_ball();
     let (image, twin) = (ours(&scene), twin_of(&scene, 16 * SAMPLES));
-    let layer = &twin.layers[LAYERS.iter().position(|l| *l == "indirect").expect("a layer")];
-    let pixels = image.rgb("indirect").expect("every layer is written");
-    let camera = &scene.cameras()[0];
     for (near, far) in [(0.03, 0.05), (0.05, 0.07), (0.07, 0.1), (0.1, 0.15)] {
-        let (mut ours, mut found, mut variance, mut count) = (0.0, 0.0, 0.0, 0);
-        for index in 0..WIDTH * WIDTH {
-            let at = ((index % WIDTH) as f32 + 0.5, (index / WIDTH) as f32 + 0.5);
-            let (origin, direction) = camera.ray(at.0, at.1, WIDTH, WIDTH);
-            let floor = origin + direction * (-origin.y / direction.y);
-            if direction.y < 0.0 && floor.z > 0.0 && (near..far).contains(&floor.length()) {
-                ours += f64::from(pixels[index].iter().sum::<f32>());
-                found += layer.mean[index].element_sum();
-                variance += layer.variance[index].element_sum() * 3.0;
-                count += 1;
-            }
-        }
-        let count = f64::from(count);
-        let (ours, found, error) = (ours / count, found / count, variance.sqrt() / count);
+        let is_there = |place: Vec3| place.z > 0.0 && (near..far).contains(&place.length());
+        let Part { ours, found, error } =
+            indirect_where((&image, &twin), &scene.cameras()[0], (Vec3::ZERO, Vec3::Y), is_there);
         // What is left to the coarse patches is the same all over one: it may be a tenth of the light at the border of the patch, which
         // is 0.21. One reflection off the patch's mean, what a gather does by itself, leaves 0.15 to 0.2 at the foot.
         let allowed = 0.021 + 4.0 * error;
+        assert!((ours - found).abs() < allowed, "{near} m to {far} m: {ours} instead of {found} ± {error}");
+    }
+}
+
+/// Where a shadow meets the foot of what throws it, the light that the floor sends changes within less than a patch: at a corner of
+/// the short block of the Cornell box.
+#[test]
+fn light_ends_at_the_corner_of_a_dark_foot() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/cornell_box.glb");
+    let mut parts = load(&path).into_parts();
+    // The foot of its dark side.
+    let (corner, other) = (Vec3::new(-0.136, 0.0, 1.656), Vec3::new(0.664, 0.0, 1.901));
+    let along = (other - corner).normalize_or_zero();
+    let normal = along.cross(Vec3::Y);
+    let target = corner + along * 0.2 + Vec3::Y * 0.06;
+    parts.cameras = vec![looking(target + normal * 1.2 + Vec3::Y * 0.2, target, 0.35)];
+    let scene = Scene::new(parts).expect("a close-up is valid");
+    let (image, twin) = (ours(&scene), twin_of(&scene, 16 * SAMPLES));
+    let between = |near: f32, far: f32| {
+        let is_there = |place: Vec3| {
+            (0.005..0.04).contains(&place.y) && (near..far).contains(&(place - corner).dot(along))
+        };
+        indirect_where((&image, &twin), &scene.cameras()[0], (corner, normal), is_there)
+    };
+    // Edges of base triangles are 0.2 m long there. What is shown must come nearer than a straight line along one of them between what
+    // is right at its ends.
+    let [start, end] = [between(0.0, 0.03), between(0.17, 0.2)];
+    for (near, far) in [(0.06, 0.1), (0.1, 0.15)] {
+        let Part { ours, found, error } = between(near, far);
+        let share = f64::from(0.5 * (near + far) - 0.015) / (0.185 - 0.015);
+        let straight = start.found + (end.found - start.found) * share;
+        let allowed = (straight - found).abs() + 4.0 * error;
+        assert!(straight - found > 8.0 * error, "nothing bends there: {found} ± {error}, {straight}");
         assert!((ours - found).abs() < allowed, "{near} m to {far} m: {ours} instead of {found} ± {error}");
     }
 }

@@ -314,13 +314,13 @@ pub struct Surroundings {
 /// Share of rays that meet black backs beyond which a place counts as hidden: a place beside a single sheet sees half.
 const HIDDEN_SHARE: f32 = 0.9;
 
-/// Looks around with `rays` hemisphere rays; `visit` is told what each meets and where.
+/// Looks around with `rays` hemisphere rays; `visit` is told what each meets, by its number, and where.
 pub fn look_around(
     tracer: &Tracer,
     receiver: &Receiver,
     rays: u32,
     key: Key,
-    mut visit: impl FnMut(&Hit, Vec3),
+    mut visit: impl FnMut(u32, &Hit, Vec3),
 ) -> Surroundings {
     let (tangent, bitangent) = frame(receiver.normal);
     let mut inverse = 0.0_f32;
@@ -330,7 +330,7 @@ pub fn look_around(
         let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
         let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
         if let Some(hit) = tracer.nearest(&ray, f32::INFINITY) {
-            visit(&hit, ray.origin + ray.direction * hit.t);
+            visit(index, &hit, ray.origin + ray.direction * hit.t);
             inverse += 1.0 / hit.t.max(1e-6);
             backs += u32::from(hit.back && tracer.is_culled_from_behind(hit.triangle));
         }

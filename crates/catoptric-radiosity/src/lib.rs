@@ -20,6 +20,7 @@ mod hats;
 pub mod media;
 pub mod method;
 pub mod near;
+pub mod near_light;
 pub mod patch;
 pub mod reconstruct;
 pub mod refine;

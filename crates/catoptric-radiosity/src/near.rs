@@ -34,9 +34,14 @@ const AROUND_FINE: u32 = 8;
 /// Edges below this multiple of the spacing belong to small things.
 const FINE: f32 = 0.25;
 
+/// What is seen within this multiple of the spacing is beside a vertex.
+const BESIDE: f32 = 0.25;
+
 /// What the base vertices see.
 pub struct Near {
     around: Vec<Surroundings>,
+    /// Per vertex: base triangles that it sees near by.
+    beside: Vec<Vec<u32>>,
     /// Places that are seen from something small and near, as small as it is near.
     glimpses: Details,
 }
@@ -53,39 +58,55 @@ impl Near {
                 longest[v] = longest[v].max(length);
             }
         }
-        let found: Vec<(Surroundings, Vec<Detail>)> = (0..draft.vertices.len())
+        let found: Vec<(Surroundings, Vec<u32>, Vec<Detail>)> = (0..draft.vertices.len())
             .into_par_iter()
             .with_min_len(16)
             .with_max_len(JOB)
             .map(|vertex| {
                 let rays = if longest[vertex] < FINE * spacing { AROUND_FINE } else { AROUND };
                 let small = shortest[vertex] < FINE * spacing;
-                let mut glimpses = Vec::new();
-                let around = surroundings(tracer, draft, vertex as u32, rays, seed, |hit, position| {
-                    if !small || hit.t > spacing {
+                let (mut beside, mut glimpses) = (Vec::new(), Vec::new());
+                let around = surroundings(tracer, draft, vertex as u32, rays, seed, |_, hit, position| {
+                    if hit.t > spacing {
                         return;
                     }
                     let side = if hit.back { Side::Back } else { Side::Front };
                     if let Some(located) = base.mesh.locate(hit.triangle, side, position) {
                         let root = base.roots[located.element as usize];
-                        glimpses.push(Detail { root, position, size: hit.t });
+                        if small {
+                            glimpses.push(Detail { root, position, size: hit.t });
+                        }
+                        if hit.t < BESIDE * spacing && !beside.contains(&root) {
+                            beside.push(root);
+                        }
                     }
                 });
-                (around, glimpses)
+                (around, beside, glimpses)
             })
             .collect();
         let mut around = Vec::with_capacity(found.len());
+        let mut beside = Vec::with_capacity(found.len());
         let mut glimpses = Vec::new();
-        for (own, seen) in found {
+        for (own, near, seen) in found {
             around.push(own);
+            beside.push(near);
             glimpses.extend(seen);
         }
-        Self { around, glimpses: Details::new(glimpses) }
+        Self { around, beside, glimpses: Details::new(glimpses) }
     }
 
     /// Splits edges along which other surfaces are near (the irradiance from them bends on the scale of their distance), and
     /// then triangles that small things are near to, which no vertex of theirs may notice: a ball on a table.
-    pub fn refine(&self, tracer: &Tracer, draft: &mut Draft, params: &NearParams, spacing: f32, seed: u32) {
+    ///
+    /// Returns the harmonic mean distance of what is seen from vertices, metres, NaN where none was asked for.
+    pub fn refine(
+        &self,
+        tracer: &Tracer,
+        draft: &mut Draft,
+        params: &NearParams,
+        spacing: f32,
+        seed: u32,
+    ) -> Vec<f32> {
         let mut distances: Vec<f32> = self.around.iter().map(|a| a.distance).collect();
         let roots = draft.leaves.len();
         for round in 0..params.rounds {
@@ -103,7 +124,7 @@ impl Near {
                 |(vertex, distance)| {
                     if asked[vertex] && distance.is_nan() {
                         *distance =
-                            surroundings(tracer, draft, vertex as u32, AROUND, seed, |_, _| {}).distance;
+                            surroundings(tracer, draft, vertex as u32, AROUND, seed, |_, _, _| {}).distance;
                     }
                 },
             );
@@ -132,6 +153,13 @@ impl Near {
             }
             draft.split(tracer, &marks);
         }
+        distances.resize(draft.vertices.len(), f32::NAN);
+        distances
+    }
+
+    /// Base triangles that a vertex sees near by, where it has looked.
+    pub(crate) fn beside(&self, vertex: u32) -> &[u32] {
+        self.beside.get(vertex as usize).map_or(&[], |roots| roots)
     }
 
     /// Which draft vertices nobody can see: all of their base, then those between two hidden ones.
@@ -154,7 +182,7 @@ fn surroundings(
     vertex: u32,
     rays: u32,
     seed: u32,
-    visit: impl FnMut(&catoptric_trace::Hit, Vec3),
+    visit: impl FnMut(u32, &catoptric_trace::Hit, Vec3),
 ) -> Surroundings {
     let key = Key::new(seed, Purpose::Hemisphere, u64::from(vertex) | 1 << 41);
     look_around(tracer, &draft.gatherer(tracer, vertex), rays, key, visit)

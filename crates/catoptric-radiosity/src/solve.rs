@@ -16,9 +16,10 @@ use crate::fit::FitParams;
 use crate::frames::Frames;
 use crate::method::ElementSet;
 use crate::near::{Near, NearParams};
+use crate::near_light::{NearLight, NearLightParams, fill};
 use crate::patch::{PatchId, PatchMesh};
 use crate::reconstruct::{Cells, Reconstruction, unshared};
-use crate::refine::{RefineParams, Values, refine};
+use crate::refine::{RefineParams, Values, mean, refine};
 use crate::rows::{PatchLocator, Row, rows};
 use crate::sharing::Sharing;
 use crate::solver::{SolverParams, Stop};
@@ -63,6 +64,8 @@ pub struct SolveParams {
     pub gather_points: f32,
     /// The mesh of the gathers where surfaces are near to each other.
     pub near: NearParams,
+    /// … and where light on near surfaces changes.
+    pub near_light: NearLightParams,
     /// The least-squares fit of the gathers; its lengths are multiples of the base edge length.
     pub gather_fit: FitParams,
     /// Light-side rays.
@@ -78,11 +81,12 @@ impl SolveParams {
             Quality::Standard => (1_400, 32, 128, 64),
             Quality::High => (3_500, 64, 192, 128),
         };
-        let (near_rounds, detail_rounds, detail_share) = match quality {
-            Quality::Sketch => (0, 0, 0.0),
-            Quality::Draft => (1, 2, 0.2),
-            Quality::Standard => (1, 4, 0.7),
-            Quality::High => (2, 5, 0.7),
+        let (near_rounds, detail_rounds, detail_share, near_light_rounds) = match quality {
+            Quality::Sketch => (0, 0, 0.0, 0),
+            // A twentieth of a draft's time for a thirtieth of its error.
+            Quality::Draft => (1, 2, 0.2, 0),
+            Quality::Standard => (1, 4, 0.7, 4),
+            Quality::High => (2, 5, 0.7, 4),
         };
         let (max_vertices, tolerance, blur, shadow_rays, inside_rounds) = match quality {
             Quality::Sketch => (4_000, 0.06, 0.04, 8, 0),
@@ -122,6 +126,14 @@ impl SolveParams {
                 detail_rounds,
                 detail_share,
                 max_details: DETAILS_PER_TRIANGLE * base_triangles,
+            },
+            near_light: NearLightParams {
+                tolerance: 0.15,
+                floor: 0.03,
+                ratio: 1.2,
+                shortest: 0.1,
+                rounds: near_light_rounds,
+                share: 0.7,
             },
             gather_fit: FitParams { prior: 0.45, smoothing: 0.01, balance: 1.0, ..FitParams::default() },
             solver: SolverParams::default(),
@@ -213,10 +225,8 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
 
     // Finer where other surfaces are near: that is the mesh of the gathers.
     let near = Near::new(tracer, &draft, &base, spacing, params.seed);
-    let mesh_of_gathers = {
-        near.refine(tracer, &mut draft, &params.near, spacing, params.seed);
-        draft.clone()
-    };
+    let distances = near.refine(tracer, &mut draft, &params.near, spacing, params.seed);
+    let mut mesh_of_gathers = draft.clone();
 
     // Light that sources send, refined where it varies.
     progress.begin("sources", params.sources.max_vertices as u64);
@@ -249,7 +259,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
             ..SourceLight::default()
         })
     });
-    let displayed = draft.display(tracer);
+    let mut displayed = draft.display(tracer);
     let hidden = near.hidden_vertices(&draft);
 
     // The fit of that, and beside it light over curved mirrors and glass, on a mesh of its own: it only wants to know about how
@@ -272,6 +282,25 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     if let Some(caustic) = &caustic {
         report.caustic = caustic.report;
         values.values.iter_mut().zip(caustic.on(&draft)).for_each(|(light, more)| *light += more);
+    }
+
+    // A finer mesh of the gathers where light on near surfaces changes.
+    let light = NearLight {
+        tracer,
+        displayed: &displayed,
+        patches: &patches,
+        irradiance: &values.values,
+        mean: mean(&draft, &values.values),
+        sharing: &values.sharing,
+        spacing,
+        seed: params.seed,
+    };
+    let mut of_gathers: Vec<u32> = (0..base_vertices as u32).collect();
+    if light.refine(&mut mesh_of_gathers, &near, &distances, &hidden, &params.near_light) {
+        of_gathers = draft.split_as(tracer, &mesh_of_gathers, base_vertices);
+        displayed = draft.display(tracer);
+        fill(&draft, &mut sources, SourceLight::mean);
+        fill(&draft, &mut values.values, |a, b| (a + b) * 0.5);
     }
 
     // The coarse solve.
@@ -333,7 +362,9 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
 
     // The final gather sees what sources send and the coarse solution first, then what it found at the vertices.
     let coarse = Coarse { patches: &patches, rows: &rows, indirect: &indirect };
-    let sight = Sight { displayed: &displayed, draft: &draft, sources: &values.values };
+    let sight =
+        Sight { displayed: &displayed, draft: &draft, sources: &values.values, of_gathers: &of_gathers };
+    let hidden = near.hidden_vertices(&mesh_of_gathers);
     let sharing = Sharing::new(tracer, &mesh_of_gathers, spacing, GATHER_CELL * spacing, budget, &hidden);
     let gathered = final_gather(
         &lights,

@@ -37,6 +37,16 @@ impl SourceLight {
         self.area_sources() + self.punctual
     }
 
+    /// Between two vertices, without rays of its own.
+    pub(crate) fn mean(a: Self, b: Self) -> Self {
+        Self {
+            direct: (a.direct + b.direct) * 0.5,
+            mirrored: (a.mirrored + b.mirrored) * 0.5,
+            punctual: (a.punctual + b.punctual) * 0.5,
+            ..Self::default()
+        }
+    }
+
     fn area_sources(&self) -> Rgb {
         self.direct + self.mirrored
     }

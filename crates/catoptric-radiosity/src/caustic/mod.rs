@@ -184,15 +184,7 @@ impl Caustic {
         }
 
         // The same splits as in the own mesh, whose vertices beyond the base get new numbers.
-        let mut there: Vec<u32> = (0..self.base_vertices as u32).collect();
-        for vertex in &self.draft.vertices[self.base_vertices..] {
-            let Some([a, b]) = vertex.parents else { continue };
-            there.push(draft.midpoint(tracer, there[a as usize], there[b as usize]));
-        }
-        let marks: Vec<(u32, u32)> = self.draft.marked_edges();
-        let marks: Vec<(u32, u32)> =
-            marks.into_iter().map(|(a, b)| (there[a as usize], there[b as usize])).collect();
-        draft.split(tracer, &marks);
+        let there = draft.split_as(tracer, &self.draft, self.base_vertices);
 
         let mut own = vec![None; draft.vertices.len()];
         for (index, &v) in there.iter().enumerate() {

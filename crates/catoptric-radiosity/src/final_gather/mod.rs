@@ -45,9 +45,9 @@ pub(crate) fn spread(draft: &Draft, patches: &PatchMesh, values: &[Rgb]) -> Vec<
     result
 }
 
-/// Gathered light at the vertices of the mesh of the gathers.
+/// Gathered light.
 pub(crate) struct GatheredLight {
-    /// Direct, mirrored, caustic and indirect per draft vertex; `None` where no element touches it.
+    /// Direct, mirrored, caustic and indirect per draft vertex of what was looked at; `None` where nothing was gathered.
     pub(crate) terms: Vec<Option<[Rgb; 4]>>,
     /// Hemisphere rays sent.
     pub(crate) rays: u64,
@@ -58,12 +58,19 @@ pub(crate) struct Sight<'a> {
     pub(crate) displayed: &'a Displayed,
     pub(crate) draft: &'a Draft,
     pub(crate) sources: &'a [Rgb],
+    /// Its draft vertex, for each of the mesh of the gathers.
+    pub(crate) of_gathers: &'a [u32],
 }
 
 impl Sight<'_> {
     /// Irradiance per vertex of the display mesh when `more` (per draft vertex) comes to what sources send.
     fn with(&self, more: &[Rgb]) -> Vec<Rgb> {
         self.displayed.origin.iter().map(|&v| self.sources[v as usize] + more[v as usize]).collect()
+    }
+
+    /// What the vertices of the gathers have of values per draft vertex.
+    fn at_gathers(&self, values: &[Rgb]) -> Vec<Rgb> {
+        self.of_gathers.iter().map(|&v| values[v as usize]).collect()
     }
 
     /// Area-weighted mean of the sum of channels of irradiance per vertex of the display mesh.
@@ -80,11 +87,19 @@ impl Sight<'_> {
         if area > 0.0 { (sum / area) as f32 } else { 0.0 }
     }
 
-    /// Values known at some vertices, at all: children are the mean of their parents.
+    /// Values known at vertices of the gathers, per draft vertex.
+    fn scattered<T: Copy>(&self, known: &[Option<T>]) -> Vec<Option<T>> {
+        let mut all = vec![None; self.draft.vertices.len()];
+        for (&v, &known) in self.of_gathers.iter().zip(known) {
+            all[v as usize] = known;
+        }
+        all
+    }
+
+    /// Values known at some vertices of the gathers, at all: children are the mean of their parents.
     fn spread(&self, known: &[Option<Rgb>]) -> Vec<Rgb> {
         let mut all: Vec<Rgb> = Vec::with_capacity(self.draft.vertices.len());
-        for (index, vertex) in self.draft.vertices.iter().enumerate() {
-            let own = known.get(index).copied().flatten();
+        for (own, vertex) in self.scattered(known).into_iter().zip(&self.draft.vertices) {
             all.push(own.unwrap_or_else(|| {
                 vertex.parents.map_or(Rgb::ZERO, |[a, b]| (all[a as usize] + all[b as usize]) * 0.5)
             }));
@@ -168,7 +183,8 @@ pub(crate) fn final_gather(
     let mut vertices = gathers.look(&light);
     // All guides stand before the first vertex finds more.
     let guides = gathers.guides(&vertices);
-    let budget = gathers.budget(&vertices, &guides, sight.sources, sight.mean(&irradiance));
+    let sources = sight.at_gathers(sight.sources);
+    let budget = gathers.budget(&vertices, &guides, &sources, sight.mean(&irradiance));
     gathers.look_again(&light, &mut vertices, &guides, &budget);
     // Kilobytes each.
     drop(guides);
@@ -188,6 +204,7 @@ pub(crate) fn final_gather(
     let mut terms = fit_terms(&gathers, &samples, &inside.gathered, &vertices, &fit_params);
 
     // What was found beyond what was seen is missing from all further reflections.
+    let looked_at = sight.at_gathers(&looked_at);
     let found: Vec<Rgb> = terms
         .iter()
         .zip(&looked_at)
@@ -202,7 +219,7 @@ pub(crate) fn final_gather(
     }
     let rays = vertices.rays.iter().chain(&inside.rays).map(|&r| u64::from(r)).sum::<u64>()
         + sharing.leads().len() as u64 * u64::from(params.gather_rays);
-    Ok(GatheredLight { terms, rays })
+    Ok(GatheredLight { terms: sight.scattered(&terms), rays })
 }
 
 /// Solves the vertices on what their rays met, and returns what the mesh of `sight` holds by that: irradiance per draft vertex. The

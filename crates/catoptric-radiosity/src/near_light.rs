@@ -1,0 +1,356 @@
+//! Where the light of near surfaces bends between the vertices of the gathers, such as where a shadow meets the foot of what throws
+//! it: their mesh is finer there.
+//!
+//! Few rays tell, since the ends of an edge and its middle send the same: what they see in the distance, and the noise of it, is
+//! the same, too.
+
+use std::f32::consts::PI;
+
+use rayon::prelude::*;
+
+use catoptric_scene::{Rgb, Side, TriangleId};
+use catoptric_trace::Tracer;
+use catoptric_trace::sequence::{Key, Purpose};
+use glam::Vec3;
+
+use crate::JOB;
+use crate::display::Displayed;
+use crate::draft::{Draft, edge};
+use crate::gather::look_around;
+use crate::near::Near;
+use crate::patch::PatchMesh;
+use crate::sharing::Sharing;
+
+/// How fine the mesh of the gathers is where the light of near surfaces bends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NearLightParams {
+    /// Difference between the middle of an edge and the mean of its ends that is left alone, relative to the light there.
+    pub tolerance: f32,
+    /// Light below this share of the mean counts as this much.
+    pub floor: f32,
+    /// Edges are looked at that are longer than this multiple of the harmonic mean distance of what is seen from them.
+    pub ratio: f32,
+    /// … and than this multiple of the spacing.
+    pub shortest: f32,
+    /// Times that they are halved.
+    pub rounds: u32,
+    /// Triangles that this may add for each base triangle, about.
+    pub share: f32,
+}
+
+/// Rays by which a vertex looks.
+const RAYS: u32 = 32;
+/// … and by which it looks first, to see whether it is worth it.
+const FEW_RAYS: u32 = 8;
+/// A difference counts if it is more than this multiple of its standard error.
+const SIGNIFICANT: f32 = 2.0;
+
+/// By how much of a difference in what is sent the light in the middle of an edge differs from the mean of its ends, at most: an upright
+/// surface fills half of what a vertex sees, and the middle may be as one of the ends.
+const MOST_BEND: f32 = 0.25;
+
+/// What a vertex sees.
+#[derive(Clone, Debug)]
+struct Seen {
+    /// Rays that it took.
+    rays: u32,
+    /// Irradiance by what surfaces send first, ray by ray: the largest channel.
+    irradiance: [f32; RAYS as usize],
+    /// Harmonic mean distance, metres.
+    distance: f32,
+}
+
+impl Seen {
+    fn total(&self) -> f32 {
+        self.irradiance.iter().sum()
+    }
+}
+
+/// What is known of the vertices of the gathers.
+struct Known {
+    /// Light of sources.
+    light: Vec<f32>,
+    /// What they see, where they have looked.
+    seen: Vec<Option<Seen>>,
+}
+
+impl Known {
+    fn seen(&self, vertex: u32) -> Option<&Seen> {
+        self.seen.get(vertex as usize)?.as_ref()
+    }
+}
+
+/// The light that surfaces send first, where a mesh knows it.
+pub(crate) struct NearLight<'a> {
+    pub(crate) tracer: &'a Tracer<'a>,
+    pub(crate) displayed: &'a Displayed,
+    pub(crate) patches: &'a PatchMesh,
+    /// Irradiance per draft vertex.
+    pub(crate) irradiance: &'a [Rgb],
+    /// The mean of its largest channel.
+    pub(crate) mean: f32,
+    /// Vertices that share have no gathers of their own.
+    pub(crate) sharing: &'a Sharing,
+    pub(crate) spacing: f32,
+    pub(crate) seed: u32,
+}
+
+impl NearLight<'_> {
+    /// Splits edges of `draft`, whose vertices are the first of those that the irradiance is known of; whether there were any.
+    /// `distances`: harmonic mean distance of what is seen from some of them, metres, NaN for others.
+    pub(crate) fn refine(
+        &self,
+        draft: &mut Draft,
+        near: &Near,
+        distances: &[f32],
+        hidden: &[bool],
+        params: &NearLightParams,
+    ) -> bool {
+        let mut is_split = false;
+        let mut known = Known {
+            light: self.irradiance[..draft.vertices.len()].iter().map(|e| e.max_element()).collect(),
+            seen: Vec::new(),
+        };
+        let limit = draft.leaves.len() + (params.share * draft.roots as f32) as usize;
+        let mut changes = self.changes(near, draft, &known.light, params);
+        let mut candidates = draft.edges();
+        let mut active = draft.active_vertices();
+        for _ in 0..params.rounds {
+            let is_far = |v: u32, length: f32| {
+                distances.get(v as usize).is_some_and(|&distance| length <= params.ratio * distance)
+            };
+            let is_hidden = |v: u32| hidden.get(v as usize).is_some_and(|&hidden| hidden);
+            candidates.retain(|&(a, b)| {
+                let length = draft.length((a, b));
+                length > params.shortest * self.spacing
+                    && (changes[a as usize] || changes[b as usize])
+                    && !(is_far(a, length) && is_far(b, length))
+                    && !is_hidden(a)
+                    && !is_hidden(b)
+            });
+            // The worst first: each edge makes two triangles, and its neighbours are halved.
+            let mut marks = self.bent(draft, candidates, &mut known, params);
+            marks.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
+            marks.truncate(limit.saturating_sub(draft.leaves.len()) / 3);
+            if marks.is_empty() {
+                break;
+            }
+            is_split = true;
+            let marks: Vec<(u32, u32)> = marks.into_iter().map(|(_, edge)| edge).collect();
+            draft.split(self.tracer, &marks);
+            fill(draft, &mut known.light, |a, b| 0.5 * (a + b));
+            fill(draft, &mut changes, |a, b| a || b);
+            // New edges are looked at next, and the halves of those that are split beside larger triangles.
+            candidates = draft.edges_where(|v| !active.get(v as usize).is_some_and(|&used| used));
+            let halves = |&(a, b): &(u32, u32)| {
+                let middle = draft.known_midpoint(a, b);
+                middle.into_iter().flat_map(move |m| [edge(a, m), edge(m, b)])
+            };
+            candidates.extend(marks.iter().flat_map(halves));
+            candidates.sort_unstable();
+            candidates.dedup();
+            candidates.retain(|&(a, b)| draft.marked_midpoint(a, b).is_none());
+            active = draft.active_vertices();
+        }
+        is_split
+    }
+
+    /// The edges in whose middle light is not what their ends foretell, with the difference relative to the light there.
+    fn bent(
+        &self,
+        draft: &mut Draft,
+        mut candidates: Vec<(u32, u32)>,
+        known: &mut Known,
+        params: &NearLightParams,
+    ) -> Vec<(f32, (u32, u32))> {
+        let floor = params.floor * self.mean;
+        let ends = |candidates: &[(u32, u32)]| candidates.iter().flat_map(|&(a, b)| [a, b]).collect();
+        self.look(draft, ends(&candidates), FEW_RAYS, &mut known.seen);
+        candidates.retain(|&(a, b)| {
+            let [Some(one), Some(other)] = [a, b].map(|v| known.seen(v)) else { return false };
+            // Where the ends agree, so does the middle, but for what is smaller than the edge and before neither.
+            let shown = 0.5 * (known.light[a as usize] + known.light[b as usize])
+                + one.total().min(other.total())
+                + floor;
+            draft.length((a, b)) > params.ratio * one.distance.min(other.distance)
+                && (one.total() - other.total()).abs() > params.tolerance * shown
+        });
+        let middles: Vec<u32> = candidates.iter().map(|&(a, b)| draft.midpoint(self.tracer, a, b)).collect();
+        fill(draft, &mut known.light, |a, b| 0.5 * (a + b));
+        let mut asked: Vec<u32> = ends(&candidates);
+        asked.extend(&middles);
+        self.look(draft, asked, RAYS, &mut known.seen);
+        let bent = |((a, b), middle): ((u32, u32), u32)| {
+            let (one, other, own) = (known.seen(a)?, known.seen(b)?, known.seen(middle)?);
+            let bend = bend(one, other, own);
+            let shown =
+                known.light[middle as usize] + own.total().min(0.5 * (one.total() + other.total())) + floor;
+            (bend > params.tolerance * shown).then_some((bend / shown, (a, b)))
+        };
+        candidates.into_iter().zip(middles).filter_map(bent).collect()
+    }
+
+    /// Per vertex: whether it gathers for itself and light changes on a base triangle that it sees near by; or whether an end of the
+    /// edge does that it halves.
+    fn changes(&self, near: &Near, draft: &Draft, light: &[f32], params: &NearLightParams) -> Vec<bool> {
+        let mut range = vec![(f32::INFINITY, 0.0_f32); draft.roots];
+        for (element, &root) in self.displayed.mesh.elements.iter().zip(&self.displayed.roots) {
+            let reflectance = self.patches.reflectances[self.patches.of_root[root as usize].0 as usize];
+            for &v in &element.vertices {
+                let irradiance = self.irradiance[self.displayed.origin[v as usize] as usize];
+                let sent = (irradiance * reflectance).max_element();
+                let (least, most) = &mut range[root as usize];
+                (*least, *most) = (least.min(sent), most.max(sent));
+            }
+        }
+        let mut changes = Vec::with_capacity(draft.vertices.len());
+        for (index, vertex) in draft.vertices.iter().enumerate() {
+            let shown = light[index] + params.floor * self.mean;
+            changes.push(match vertex.parents {
+                Some([a, b]) => changes[a as usize] || changes[b as usize],
+                None if self.sharing.shares(index as u32) => false,
+                None => near.beside(index as u32).iter().any(|&root| {
+                    let (least, most) = range[root as usize];
+                    MOST_BEND * (most - least) > params.tolerance * shown
+                }),
+            });
+        }
+        changes
+    }
+
+    /// Has vertices look around by so many rays that have not yet.
+    fn look(&self, draft: &Draft, vertices: Vec<u32>, rays: u32, seen: &mut Vec<Option<Seen>>) {
+        seen.resize(draft.vertices.len(), None);
+        let mut asked = vec![false; draft.vertices.len()];
+        for v in vertices {
+            asked[v as usize] = true;
+        }
+        seen.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(|(vertex, seen)| {
+            if asked[vertex] && seen.as_ref().is_none_or(|seen| seen.rays < rays) {
+                *seen = Some(self.seen(draft, vertex as u32, rays));
+            }
+        });
+    }
+
+    /// What a vertex sees.
+    fn seen(&self, draft: &Draft, vertex: u32, rays: u32) -> Seen {
+        let key = Key::new(self.seed, Purpose::Hemisphere, 1 << 40);
+        let receiver = draft.gatherer(self.tracer, vertex);
+        let mut irradiance = [0.0; RAYS as usize];
+        let around = look_around(self.tracer, &receiver, rays, key, |index, hit, position| {
+            let side = if hit.back { Side::Back } else { Side::Front };
+            let radiance = self.radiance(hit.triangle, side, position);
+            irradiance[index as usize] = radiance * (PI / rays as f32);
+        });
+        Seen { rays, irradiance, distance: around.distance }
+    }
+
+    /// What a place sends of the light that is known: the largest channel.
+    fn radiance(&self, triangle: TriangleId, side: Side, position: Vec3) -> f32 {
+        let Some(at) = self.displayed.mesh.locate(triangle, side, position) else { return 0.0 };
+        let root = self.displayed.roots[at.element as usize] as usize;
+        let reflectance = self.patches.reflectances[self.patches.of_root[root].0 as usize];
+        let vertices = at.vertices.iter().zip(at.weights);
+        let irradiance: Rgb = vertices
+            .map(|(&v, weight)| self.irradiance[self.displayed.origin[v as usize] as usize] * weight)
+            .sum();
+        (irradiance * reflectance).max_element() / PI
+    }
+}
+
+/// Values of new vertices by those of the edge that they halve.
+pub(crate) fn fill<T: Copy + Default>(draft: &Draft, values: &mut Vec<T>, between: impl Fn(T, T) -> T) {
+    for vertex in &draft.vertices[values.len()..] {
+        let value =
+            vertex.parents.map_or(T::default(), |[a, b]| between(values[a as usize], values[b as usize]));
+        values.push(value);
+    }
+}
+
+/// Difference of the irradiance in the middle from the mean of the ends, 0 where the rays do not agree that there is one.
+fn bend(one: &Seen, other: &Seen, middle: &Seen) -> f32 {
+    let (mut sum, mut squares) = (0.0_f32, 0.0_f32);
+    for ((a, b), m) in one.irradiance.iter().zip(&other.irradiance).zip(&middle.irradiance) {
+        let difference = m - 0.5 * (a + b);
+        sum += difference;
+        squares += difference * difference;
+    }
+    let variance = (squares - sum * sum / RAYS as f32).max(0.0);
+    if sum.abs() > SIGNIFICANT * variance.sqrt() { sum.abs() } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use catoptric_scene::{Material, Scene, SceneParts};
+
+    use super::*;
+    use crate::near::NearParams;
+    use crate::solve::coarse_patches;
+
+    /// Shortest edge on the wall within 0.1 m of the floor and 0.2 m of `x`, and all its vertices, where the floor holds light up to
+    /// the shadow at `shadow`.
+    fn edges_at_foot(x: f32, shadow: f32) -> (f32, usize) {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        parts.add_quad("floor", white, Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0);
+        parts.add_quad("wall", white, Vec3::new(-2.0, 0.0, -2.0), Vec3::X * 4.0, Vec3::Y * 2.0);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let (mut draft, patches) = coarse_patches(&tracer, 150);
+        let spacing = 0.55;
+        let near = Near::new(&tracer, &draft, &draft.display(&tracer), spacing, 0);
+        let none = NearParams { ratio: 1.0, rounds: 0, detail_rounds: 0, detail_share: 0.0, max_details: 0 };
+        let distances = near.refine(&tracer, &mut draft, &none, spacing, 0);
+        let mut finer = draft.clone();
+        for _ in 0..4 {
+            let edges = finer.edges();
+            finer.split(&tracer, &edges);
+        }
+        let displayed = finer.display(&tracer);
+        let lit = |p: Vec3| p.y == 0.0 && p.x < shadow;
+        let irradiance: Vec<Rgb> =
+            finer.vertices.iter().map(|v| Rgb::splat(f32::from(u8::from(lit(v.position))))).collect();
+        let light = NearLight {
+            tracer: &tracer,
+            displayed: &displayed,
+            patches: &patches,
+            irradiance: &irradiance,
+            mean: 0.3,
+            sharing: &Sharing::new(&tracer, &finer, spacing, 0.1 * spacing, 1000, &[]),
+            spacing,
+            seed: 0,
+        };
+        let params =
+            NearLightParams { tolerance: 0.1, floor: 0.03, ratio: 1.2, shortest: 0.1, rounds: 4, share: 1.0 };
+        let hidden = near.hidden_vertices(&draft);
+        light.refine(&mut draft, &near, &distances, &hidden, &params);
+        let at_foot = |v: u32| {
+            let p = draft.vertices[v as usize].position;
+            p.z == -2.0 && p.y < 0.1 && (p.x - x).abs() < 0.2
+        };
+        let mut shortest = f32::INFINITY;
+        for leaf in &draft.leaves {
+            draft.closed(leaf, |[a, b, c]| {
+                for (p, q) in [(a, b), (b, c), (c, a)] {
+                    if at_foot(p) && at_foot(q) {
+                        shortest = shortest.min(draft.length((p, q)));
+                    }
+                }
+            });
+        }
+        (shortest, draft.vertices.len())
+    }
+
+    #[test]
+    fn edges_are_short_where_a_shadow_meets_a_wall_and_nowhere_else() {
+        let x = 0.37;
+        let (shadow, with) = edges_at_foot(x, x);
+        let (lit, without) = edges_at_foot(x, f32::INFINITY);
+        // Base edges are at least half as long as the spacing: none joins two places within 0.2 m.
+        assert!(shadow < 0.15, "{shadow}");
+        assert!(lit > 0.25, "{lit}");
+        assert!(with > without, "{with} vertices, {without} where nothing changes");
+        let (elsewhere, _) = edges_at_foot(-0.9, x);
+        assert!(elsewhere > 0.25, "{elsewhere}");
+    }
+}
