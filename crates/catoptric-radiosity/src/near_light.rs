@@ -169,8 +169,8 @@ impl NearLight<'_> {
         candidates.retain(|&(a, b)| {
             let [Some(one), Some(other)] = [a, b].map(|v| known.seen(v)) else { return false };
             // Where the ends agree, so does the middle, but for what is smaller than the edge and before neither.
-            let shown = 0.5 * (known.light[a as usize] + known.light[b as usize])
-                + one.total().min(other.total())
+            let shown = 0.5
+                * (known.light[a as usize] + known.light[b as usize] + one.total() + other.total())
                 + floor;
             draft.length((a, b)) > params.ratio * one.distance.min(other.distance)
                 && (one.total() - other.total()).abs() > params.tolerance * shown

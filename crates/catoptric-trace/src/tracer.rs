@@ -56,6 +56,10 @@ impl Hit {
     }
 }
 
+/// Light that goes on from a solid's border starts at least this share of the scene's diagonal off the edges of its triangle …
+const OFF_EDGE: f32 = 4e-6;
+/// … but at most this share of the triangle.
+const AT_EDGE: f32 = 0.02;
 /// Each pass crosses one plane; a hundred layers of panes are opaque.
 const MAX_LAYERS: u32 = 128;
 /// Planes with images, at most: chains grow with a power of their number.
@@ -76,6 +80,8 @@ pub struct Tracer<'a> {
     mixed: Vec<bool>,
     /// Per triangle: plain Lambertian without texture, alpha or coat.
     lambertian: Vec<bool>,
+    /// Per material: its surfaces are the border of a solid that transmits light.
+    solid: Vec<bool>,
     averages: Vec<DiffuseFresnel>,
     clearcoat: DiffuseFresnel,
     passes_anything: bool,
@@ -150,6 +156,11 @@ impl<'a> Tracer<'a> {
             has_images,
             mixed: kinds.iter().map(|&kind| kind == 3).collect(),
             lambertian,
+            solid: scene
+                .materials()
+                .iter()
+                .map(|m| m.transmission > 0.0 && m.transmission_kind == Transmission::Solid)
+                .collect(),
             averages: scene.materials().iter().map(|m| fresnel::diffuse(m.ior)).collect(),
             clearcoat: fresnel::diffuse(1.5),
             passes_anything: facets.iter().any(|f| f.flags & PASSES != 0),
@@ -245,6 +256,35 @@ impl<'a> Tracer<'a> {
             return Some(Hit::new(&self.opaque_beside(ray, &probe, &nearest).unwrap_or(nearest)));
         }
         Some(Hit::new(&nearest))
+    }
+
+    /// Where light goes on from `position`, the place of a hit. On the border of a solid that is not as near to an edge of the triangle as
+    /// a position is rounded: beyond the neighbour's plane, light would never meet it, and take the glass with it.
+    #[inline]
+    pub fn departure(&self, hit: &Hit, position: Vec3) -> Vec3 {
+        let Barycentric { u, v } = hit.at;
+        let nearest = u.min(v).min(1.0 - u - v);
+        if nearest > AT_EDGE || !self.solid[self.scene.material_id_of(hit.triangle).index()] {
+            return position;
+        }
+        self.off_edge(hit, position, nearest)
+    }
+
+    #[cold]
+    fn off_edge(&self, hit: &Hit, position: Vec3, nearest: f32) -> Vec3 {
+        let [a, b, c] = self.scene.corners(hit.triangle);
+        let (e, f) = (b - a, c - a);
+        // Heights are at least twice the area over the longest edge. Positions round by 2⁻²⁴ of the scene, a few times; neighbours turn
+        // away by a few degrees.
+        let longest = e.length().max(f.length()).max((c - b).length());
+        let least = OFF_EDGE * self.diagonal * longest / e.cross(f).length().max(f32::MIN_POSITIVE);
+        let least = least.min(AT_EDGE);
+        if nearest >= least {
+            return position;
+        }
+        let [u, v, w] = [hit.at.u, hit.at.v, 1.0 - hit.at.u - hit.at.v].map(|weight| weight.max(least));
+        let all = u + v + w;
+        a + e * (u / all) + f * (v / all)
     }
 
     /// What is opaque at the place of `nearest`, in the same plane.

@@ -223,7 +223,8 @@ fn meet_after(
 
         chain.push(branch.event);
         media = branch.media;
-        ray = Ray { origin: position, direction: branch.direction, from: tracer.planes().of(hit.triangle) };
+        let origin = tracer.departure(&hit, position);
+        ray = Ray { origin, direction: branch.direction, from: tracer.planes().of(hit.triangle) };
     }
     ledger.cut_off += entry(throughput);
     End::Inside
@@ -348,7 +349,7 @@ pub mod split {
 
     impl Default for SplitParams {
         fn default() -> Self {
-            Self { max_depth: 1000, roulette_below: 5e-4 }
+            Self { max_depth: 1000, roulette_below: 4e-4 }
         }
     }
 
@@ -470,6 +471,7 @@ pub mod split {
             if path.depth + 1 >= params.max_depth {
                 continue;
             }
+            let origin = tracer.departure(&hit, position);
             // A full stack raises the threshold: the work per pixel stays bounded, the mean does not change.
             let is_full = open.len() >= MAX_OPEN;
             let threshold = if is_full { 1.0 } else { params.roulette_below };
@@ -490,7 +492,7 @@ pub mod split {
                 let mut chain = path.chain;
                 chain.push(branch.event);
                 let follow = Open {
-                    ray: Ray { origin: position, direction: branch.direction, from },
+                    ray: Ray { origin, direction: branch.direction, from },
                     media: branch.media,
                     throughput,
                     chain,

@@ -5,7 +5,7 @@
 
 use catoptric_scene::id::TextureId;
 use catoptric_scene::texture::{Texture, TextureRef, TextureTransform, Wrap};
-use catoptric_scene::{AlphaMode, Material, Radiance, Rgb, Scene, SceneParts, Transmission};
+use catoptric_scene::{AlphaMode, Material, Radiance, Rgb, Scene, SceneParts, Transmission, TriangleId};
 use catoptric_trace::interaction::Coat;
 use catoptric_trace::medium::{MediumId, MediumStack};
 use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame, uniform_sphere};
@@ -177,7 +177,7 @@ impl Patch {
         let normal = self.a.cross(self.b).normalize_or_zero();
         let (tangent, bitangent) = frame(normal);
         let plane = (0..tracer.scene().triangles().len() as u32)
-            .map(catoptric_scene::TriangleId)
+            .map(TriangleId)
             .find(|&t| tracer.scene().surface_of(t).name == self.name)
             .map(|t| tracer.planes().of(t))
             .expect("the patch is a surface");
@@ -313,7 +313,7 @@ fn following_a_chain_agrees_with_choosing_it() {
         let tracer = Tracer::new(&scene);
         let plane_of = |name: &str| {
             let surface = scene.surfaces().iter().find(|s| s.name == name).unwrap();
-            tracer.planes().of(catoptric_scene::TriangleId(surface.triangles.start))
+            tracer.planes().of(TriangleId(surface.triangles.start))
         };
         let (floor, wall, end) = (plane_of("floor"), plane_of("wall"), plane_of("lamp"));
         let key = Key::new(4, Purpose::Test, 0);
@@ -532,4 +532,44 @@ fn nested_slabs_transmit_the_product_of_their_parts() {
             assert!((got / expected - 1.0).abs() < 2e-5, "{angle}: {got} against {expected}");
         }
     }
+}
+
+/// Light that has gone into a body of glass comes out of it: whatever edge or corner it is near, what arrives on the walls of the room
+/// travels in air.
+#[test]
+fn no_light_takes_the_glass_with_it() {
+    let hot = Material { emission: Radiance(Rgb::ONE), ..Material::lambertian("hot", Rgb::ZERO) };
+    let scene = room(hot, |p| {
+        let glass = p.add_material(Material::glass("glass", 1.5));
+        p.add_sphere("ball", glass, Vec3::new(0.31, 0.2, -0.4), 0.7, 24);
+        p.add_box("block", glass, Vec3::new(-1.3, -1.2, 0.2), Vec3::new(-0.5, -0.3, 1.1), false);
+    });
+    let tracer = Tracer::new(&scene);
+    let key = Key::new(9, Purpose::Test, 0);
+    let (mut arrivals, mut inside) = (0, 0);
+    for i in 0..200_000 {
+        let random = key.child(i);
+        let from = uniform_sphere(random.point2(0)) * 1.8;
+        // At an edge, a corner or anywhere on a triangle.
+        let triangle = TriangleId(random.bits(1) % scene.triangles().len() as u32);
+        let [a, b, c] = scene.corners(triangle);
+        let target = match i % 3 {
+            0 => a.lerp(b, random.uniform(2)),
+            1 => a,
+            _ => a.lerp(b, random.uniform(2)).lerp(c, random.uniform(3)),
+        };
+        let ray = Ray::free(from, (target - from).normalize_or_zero());
+        let see = |sight: Sight| {
+            if let Sight::Surface(arrival) = sight
+                && arrival.interaction.emission.0.x > 0.0
+            {
+                arrivals += 1;
+                inside += u32::from(arrival.media != MediumStack::AIR);
+            }
+        };
+        let params = SplitParams { roulette_below: 0.01, ..SplitParams::default() };
+        split::trace(&tracer, ray, MediumStack::AIR, (random, 0), &params, |_| {}, see);
+    }
+    assert!(arrivals > 400_000, "{arrivals}");
+    assert_eq!(inside, 0, "of {arrivals}");
 }

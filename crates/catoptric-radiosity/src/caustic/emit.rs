@@ -257,7 +257,8 @@ impl<'a> Emission<'a> {
         ledger.roulette += (color * going_on - unweighted).as_dvec3();
         ledger.shading += (unweighted - throughput).as_dvec3();
 
-        let ray = Ray { origin: position, direction: branch.direction, from: plane };
+        let origin = tracer.departure(&hit, position);
+        let ray = Ray { origin, direction: branch.direction, from: plane };
         let (mut deposited, mut elsewhere) = (DVec3::ZERO, DVec3::ZERO);
         let arrive = |arrival: &Arrival| {
             if arrival.interaction.receives <= 0.0 {
