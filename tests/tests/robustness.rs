@@ -5,12 +5,13 @@ use std::time::{Duration, Instant};
 use catoptric_radiosity::{SolveParams, SolveReport, solve};
 use catoptric_render::{RenderParams, render};
 use catoptric_scene::{
-    Camera, Material, MaterialId, Projection, PunctualKind, PunctualLight, Radiance, Rgb, Scene, SceneParts,
-    Silent, Sky, Transmission,
+    Material, MaterialId, PunctualKind, PunctualLight, Radiance, Rgb, Scene, SceneParts, Silent, Sky,
+    Transmission,
 };
 use catoptric_solution::Quality;
+use catoptric_tests::looking;
 use catoptric_trace::Tracer;
-use glam::{Affine3A, Mat3, Vec3};
+use glam::Vec3;
 
 /// What no scene of this file may take, on a busy machine, without optimisation.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -29,23 +30,10 @@ impl Picture {
     }
 }
 
-fn camera(eye: Vec3, target: Vec3) -> Camera {
-    let back = (eye - target).normalize_or(Vec3::Z);
-    let right = Vec3::Y.cross(back).normalize_or(Vec3::X);
-    let turn = Mat3::from_cols(right, back.cross(right), back);
-    Camera {
-        name: "camera".to_owned(),
-        world_from_camera: Affine3A::from_mat3_translation(turn, eye),
-        projection: Projection::Perspective { yfov: 1.0 },
-        aspect: Some(1.0),
-        near: 0.0,
-    }
-}
-
 /// Both passes; everything that comes out is finite and not negative.
 fn picture(what: &str, mut parts: SceneParts) -> Picture {
     if parts.cameras.is_empty() {
-        parts.cameras.push(camera(Vec3::new(0.3, 0.4, 3.0), Vec3::ZERO));
+        parts.cameras.push(looking(Vec3::new(0.3, 0.4, 3.0), Vec3::ZERO, 1.0));
     }
     let start = Instant::now();
     let scene = Scene::new(parts).expect("a valid scene");
@@ -81,7 +69,7 @@ fn room(size: f32, at: Vec3) -> SceneParts {
     parts.add_box("block", white, place(-0.3, -0.5, -0.3), place(0.0, -0.1, 0.0), false);
     let (x, z) = (Vec3::X * (0.3 * size), Vec3::Z * (0.3 * size));
     parts.add_quad("lamp", lamp, place(-0.15, 0.49, -0.15), x, z);
-    parts.cameras.push(camera(place(0.0, 0.0, 0.49), place(0.0, -0.1, 0.0)));
+    parts.cameras.push(looking(place(0.0, 0.0, 0.49), place(0.0, -0.1, 0.0), 1.0));
     parts
 }
 
@@ -178,7 +166,7 @@ fn the_camera_may_be_in_a_wall_or_at_a_corner_or_in_a_lamp() {
         Vec3::ZERO,
     ] {
         let mut parts = room(4.0, Vec3::ZERO);
-        parts.cameras = vec![camera(eye, Vec3::new(0.1, -0.3, 0.2))];
+        parts.cameras = vec![looking(eye, Vec3::new(0.1, -0.3, 0.2), 1.0)];
         picture(&format!("a camera at {eye}"), parts);
     }
 }

@@ -10,13 +10,14 @@ use catoptric_radiosity::{SolveParams, solve};
 use catoptric_render::direct::{DirectLight, ShadowRays};
 use catoptric_render::{RenderParams, render};
 use catoptric_scene::{
-    Camera, Lobe, Material, Projection, Radiance, Rgb, Scene, SceneParts, Silent, Sky, SkyImage, gltf,
+    Camera, Lobe, Material, Radiance, Rgb, Scene, SceneParts, Silent, Sky, SkyImage, gltf,
 };
 use catoptric_solution::Quality;
 use catoptric_tests::compare::{Allowance, Mismatch, compare, comparisons};
+use catoptric_tests::looking;
 use catoptric_tests::twin::{self, LAYERS, Twin, TwinParams};
 use catoptric_trace::Tracer;
-use glam::{Affine3A, Mat3, Vec3};
+use glam::Vec3;
 
 const WIDTH: usize = 64;
 const FAMILY: f64 = 1e-3;
@@ -126,20 +127,6 @@ fn every_layer_of_every_scene_agrees_and_no_term_can_go_missing() {
     for (layer, [dropped, doubled]) in LAYERS.iter().zip(caught) {
         assert!(dropped, "nobody would notice if `{layer}` were missing");
         assert!(doubled, "nobody would notice if `{layer}` were counted twice");
-    }
-}
-
-/// A square view from `eye` to `target`.
-fn looking(eye: Vec3, target: Vec3, yfov: f32) -> Camera {
-    let back = (eye - target).normalize_or(Vec3::Z);
-    let right = Vec3::Y.cross(back).normalize_or(Vec3::X);
-    let turn = Mat3::from_cols(right, back.cross(right), back);
-    Camera {
-        name: "camera".to_owned(),
-        world_from_camera: Affine3A::from_mat3_translation(turn, eye),
-        projection: Projection::Perspective { yfov },
-        aspect: Some(1.0),
-        near: 0.0,
     }
 }
 

@@ -437,21 +437,6 @@ impl Draft {
         }
     }
 
-    /// Splits as `other` is split, which refines the same mesh of `common` vertices; returns the number here of each of its
-    /// vertices.
-    pub fn split_as(&mut self, tracer: &Tracer, other: &Draft, common: usize) -> Vec<u32> {
-        let mut here: Vec<u32> = (0..common as u32).collect();
-        for vertex in &other.vertices[common..] {
-            // Those of the common mesh alone have no parents.
-            let Some([a, b]) = vertex.parents else { continue };
-            here.push(self.midpoint(tracer, here[a as usize], here[b as usize]));
-        }
-        let marks: Vec<(u32, u32)> =
-            other.marked_edges().into_iter().map(|(a, b)| (here[a as usize], here[b as usize])).collect();
-        self.split(tracer, &marks);
-        here
-    }
-
     /// Notes vertices and the ends of the edges that they halve: a leaf on the other side may have the whole edge.
     fn touch(&self, touched: &mut Vec<bool>, vertices: &[u32]) {
         touched.resize(self.vertices.len(), false);

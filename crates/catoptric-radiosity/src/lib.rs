@@ -17,6 +17,7 @@ pub mod frames;
 pub mod gather;
 pub mod guide;
 mod hats;
+mod lineage;
 pub mod media;
 pub mod method;
 pub mod near;

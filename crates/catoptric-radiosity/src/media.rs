@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use catoptric_scene::{Side, Transmission, TriangleId};
+use catoptric_scene::{Material, Side, TriangleId};
 use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame};
 use catoptric_trace::{MediumId, PlaneId, Ray, Tracer};
 
@@ -72,9 +72,7 @@ pub(crate) fn medium_before(tracer: &Tracer, origin: Vec3, triangle: TriangleId,
 
 /// Whether anything is solid glass.
 pub(crate) fn has_solids(tracer: &Tracer) -> bool {
-    let solid =
-        |m: &catoptric_scene::Material| m.transmission > 0.0 && m.transmission_kind == Transmission::Solid;
-    tracer.scene().materials().iter().any(solid)
+    tracer.scene().materials().iter().any(Material::is_solid)
 }
 
 /// The medium at a point, by what its rays meet first.
@@ -105,7 +103,8 @@ fn first_border(tracer: &Tracer, origin: Vec3, direction: Vec3, from: PlaneId) -
     let scene = tracer.scene();
     let ray = Ray { origin, direction, from };
     let hit = tracer.nearest(&ray, f32::INFINITY)?;
-    let material = scene.material_of(hit.triangle);
-    let solid = material.transmission > 0.0 && material.transmission_kind == Transmission::Solid;
-    solid.then(|| (MediumId::inside(scene.material_id_of(hit.triangle)), hit.back))
+    scene
+        .material_of(hit.triangle)
+        .is_solid()
+        .then(|| (MediumId::inside(scene.material_id_of(hit.triangle)), hit.back))
 }

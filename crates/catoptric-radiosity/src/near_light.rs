@@ -138,8 +138,8 @@ impl NearLight<'_> {
             is_split = true;
             let marks: Vec<(u32, u32)> = marks.into_iter().map(|(_, edge)| edge).collect();
             draft.split(self.tracer, &marks);
-            fill(draft, &mut known.light, |a, b| 0.5 * (a + b));
-            fill(draft, &mut changes, |a, b| a || b);
+            draft.fill(&mut known.light, |a, b| 0.5 * (a + b));
+            draft.fill(&mut changes, |a, b| a || b);
             // New edges are looked at next, and the halves of those that are split beside larger triangles.
             candidates = draft.edges_where(|v| !active.get(v as usize).is_some_and(|&used| used));
             let halves = |&(a, b): &(u32, u32)| {
@@ -176,7 +176,7 @@ impl NearLight<'_> {
                 && (one.total() - other.total()).abs() > params.tolerance * shown
         });
         let middles: Vec<u32> = candidates.iter().map(|&(a, b)| draft.midpoint(self.tracer, a, b)).collect();
-        fill(draft, &mut known.light, |a, b| 0.5 * (a + b));
+        draft.fill(&mut known.light, |a, b| 0.5 * (a + b));
         let mut asked: Vec<u32> = ends(&candidates);
         asked.extend(&middles);
         self.look(draft, asked, RAYS, &mut known.seen);
@@ -255,15 +255,6 @@ impl NearLight<'_> {
             .map(|(&v, weight)| self.irradiance[self.displayed.origin[v as usize] as usize] * weight)
             .sum();
         (irradiance * reflectance).max_element() / PI
-    }
-}
-
-/// Values of new vertices by those of the edge that they halve.
-pub(crate) fn fill<T: Copy + Default>(draft: &Draft, values: &mut Vec<T>, between: impl Fn(T, T) -> T) {
-    for vertex in &draft.vertices[values.len()..] {
-        let value =
-            vertex.parents.map_or(T::default(), |[a, b]| between(values[a as usize], values[b as usize]));
-        values.push(value);
     }
 }
 

@@ -16,7 +16,7 @@ use crate::fit::FitParams;
 use crate::frames::Frames;
 use crate::method::ElementSet;
 use crate::near::{Near, NearParams};
-use crate::near_light::{NearLight, NearLightParams, fill};
+use crate::near_light::{NearLight, NearLightParams};
 use crate::patch::{PatchId, PatchMesh};
 use crate::reconstruct::{Cells, Reconstruction, unshared};
 use crate::refine::{RefineParams, Values, mean, refine};
@@ -299,8 +299,8 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     if light.refine(&mut mesh_of_gathers, &near, &distances, &hidden, &params.near_light) {
         of_gathers = draft.split_as(tracer, &mesh_of_gathers, base_vertices);
         displayed = draft.display(tracer);
-        fill(&draft, &mut sources, SourceLight::mean);
-        fill(&draft, &mut values.values, |a, b| (a + b) * 0.5);
+        draft.fill(&mut sources, SourceLight::mean);
+        draft.fill(&mut values.values, |a, b| (a + b) * 0.5);
     }
 
     // The coarse solve.

@@ -193,6 +193,11 @@ impl Material {
         !(full_mirror || full_glass)
     }
 
+    /// Whether its surfaces are the border of a body that transmits light.
+    pub fn is_solid(&self) -> bool {
+        self.transmission > 0.0 && self.transmission_kind == Transmission::Solid
+    }
+
     /// Whether some point may reflect or transmit specularly, or pass light by alpha.
     pub fn may_be_specular(&self) -> bool {
         let smooth = self.roughness <= SMOOTH_ROUGHNESS || self.metallic_roughness_texture.is_some();

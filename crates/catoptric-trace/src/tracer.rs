@@ -80,8 +80,6 @@ pub struct Tracer<'a> {
     mixed: Vec<bool>,
     /// Per triangle: plain Lambertian without texture, alpha or coat.
     lambertian: Vec<bool>,
-    /// Per material: its surfaces are the border of a solid that transmits light.
-    solid: Vec<bool>,
     averages: Vec<DiffuseFresnel>,
     clearcoat: DiffuseFresnel,
     passes_anything: bool,
@@ -156,11 +154,6 @@ impl<'a> Tracer<'a> {
             has_images,
             mixed: kinds.iter().map(|&kind| kind == 3).collect(),
             lambertian,
-            solid: scene
-                .materials()
-                .iter()
-                .map(|m| m.transmission > 0.0 && m.transmission_kind == Transmission::Solid)
-                .collect(),
             averages: scene.materials().iter().map(|m| fresnel::diffuse(m.ior)).collect(),
             clearcoat: fresnel::diffuse(1.5),
             passes_anything: facets.iter().any(|f| f.flags & PASSES != 0),
@@ -264,7 +257,7 @@ impl<'a> Tracer<'a> {
     pub fn departure(&self, hit: &Hit, position: Vec3) -> Vec3 {
         let Barycentric { u, v } = hit.at;
         let nearest = u.min(v).min(1.0 - u - v);
-        if nearest > AT_EDGE || !self.solid[self.scene.material_id_of(hit.triangle).index()] {
+        if nearest > AT_EDGE || !self.scene.material_of(hit.triangle).is_solid() {
             return position;
         }
         self.off_edge(hit, position, nearest)
@@ -437,8 +430,8 @@ fn planes_with_images(scene: &Scene, planes: &Planes) -> Vec<bool> {
         let material = scene.material_of(triangle);
         let size = f64::from(scene.area(triangle));
         total += size;
-        let solid = material.transmission > 0.0 && material.transmission_kind == Transmission::Solid;
-        let reflects = material.may_be_specular() && !solid && !scene.surface_of(triangle).smooth;
+        let reflects =
+            material.may_be_specular() && !material.is_solid() && !scene.surface_of(triangle).smooth;
         if reflects {
             area[planes.of(triangle).0 as usize] += size;
         }

@@ -246,14 +246,8 @@ pub(super) fn refine(
         wanted.truncate(room * 2 / 3);
         if wanted.is_empty() || round == params.rounds {
             let noise = noise(draft, deposits, &leaves, other);
-            let mut light: Vec<f32> = Vec::with_capacity(draft.vertices.len());
-            for (index, vertex) in draft.vertices.iter().enumerate() {
-                light.push(match (other.get(index), vertex.parents) {
-                    (Some(&own), _) => strength(own),
-                    (None, Some([a, b])) => 0.5 * (light[a as usize] + light[b as usize]),
-                    (None, None) => 0.0,
-                });
-            }
+            let mut light: Vec<f32> = other.iter().map(|&own| strength(own)).collect();
+            draft.fill(&mut light, |a, b| 0.5 * (a + b));
             projection.smooth(&light);
             return Ok(Density { values: projection.values, mass: projection.mass, light, noise });
         }

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use catoptric_scene::{Barycentric, Material, Transmission, TriangleId};
+use catoptric_scene::{Barycentric, Material, TriangleId};
 use catoptric_trace::{MediumId, Tracer};
 
 /// A triangle of the specular geometry, or a part of one.
@@ -60,10 +60,6 @@ impl Target {
     }
 }
 
-fn is_solid(material: &Material) -> bool {
-    material.transmission > 0.0 && material.transmission_kind == Transmission::Solid
-}
-
 /// All parts of the specular geometry along a space-filling curve; none if nothing is curved or refracting.
 pub(super) fn collect(tracer: &Tracer) -> Vec<Target> {
     let scene = tracer.scene();
@@ -80,7 +76,7 @@ pub(super) fn collect(tracer: &Tracer) -> Vec<Target> {
         .map(TriangleId)
         .filter(|&t| deviates(scene.material_of(t)))
         .collect();
-    let bends = |t: TriangleId| is_solid(scene.material_of(t)) || tracer.image_plane(t).is_none();
+    let bends = |t: TriangleId| scene.material_of(t).is_solid() || tracer.image_plane(t).is_none();
     if !specular.iter().any(|&t| bends(t)) {
         return Vec::new();
     }
@@ -89,7 +85,7 @@ pub(super) fn collect(tracer: &Tracer) -> Vec<Target> {
     let mut targets = Vec::with_capacity(specular.len());
     for triangle in specular {
         let material = scene.material_of(triangle);
-        let (sides, strength) = if is_solid(material) {
+        let (sides, strength) = if material.is_solid() {
             (Sides::Solid(MediumId::inside(scene.material_id_of(triangle))), 1.0)
         } else {
             let sides = if tracer.has_back(triangle) { Sides::Both } else { Sides::Front };

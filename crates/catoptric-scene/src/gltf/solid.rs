@@ -7,7 +7,6 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
-use crate::material::Transmission;
 use crate::scene::SceneParts;
 
 use super::report::Report;
@@ -32,7 +31,7 @@ struct Body {
 pub(super) fn check(parts: &SceneParts, report: &Report) {
     let mut bodies = Vec::new();
     for (index, material) in parts.materials.iter().enumerate() {
-        if material.transmission > 0.0 && material.transmission_kind == Transmission::Solid {
+        if material.is_solid() {
             bodies.append(&mut collect(parts, index));
         }
     }
