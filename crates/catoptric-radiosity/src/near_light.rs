@@ -103,10 +103,10 @@ impl NearLight<'_> {
         draft: &mut Draft,
         near: &Near,
         distances: &[f32],
-        hidden: &[bool],
         params: &NearLightParams,
     ) -> bool {
         let mut is_split = false;
+        let mut hidden = near.hidden_vertices(draft);
         let mut known = Known {
             light: self.irradiance[..draft.vertices.len()].iter().map(|e| e.max_element()).collect(),
             seen: Vec::new(),
@@ -119,14 +119,13 @@ impl NearLight<'_> {
             let is_far = |v: u32, length: f32| {
                 distances.get(v as usize).is_some_and(|&distance| length <= params.ratio * distance)
             };
-            let is_hidden = |v: u32| hidden.get(v as usize).is_some_and(|&hidden| hidden);
             candidates.retain(|&(a, b)| {
                 let length = draft.length((a, b));
                 length > params.shortest * self.spacing
                     && (changes[a as usize] || changes[b as usize])
                     && !(is_far(a, length) && is_far(b, length))
-                    && !is_hidden(a)
-                    && !is_hidden(b)
+                    && !hidden[a as usize]
+                    && !hidden[b as usize]
             });
             // The worst first: each edge makes two triangles, and its neighbours are halved.
             let mut marks = self.bent(draft, candidates, &mut known, params);
@@ -140,6 +139,7 @@ impl NearLight<'_> {
             draft.split(self.tracer, &marks);
             draft.fill(&mut known.light, |a, b| 0.5 * (a + b));
             draft.fill(&mut changes, |a, b| a || b);
+            draft.fill(&mut hidden, |a, b| a && b);
             // New edges are looked at next, and the halves of those that are split beside larger triangles.
             candidates = draft.edges_where(|v| !active.get(v as usize).is_some_and(|&used| used));
             let halves = |&(a, b): &(u32, u32)| {
@@ -183,8 +183,8 @@ impl NearLight<'_> {
         let bent = |((a, b), middle): ((u32, u32), u32)| {
             let (one, other, own) = (known.seen(a)?, known.seen(b)?, known.seen(middle)?);
             let bend = bend(one, other, own);
-            let shown =
-                known.light[middle as usize] + own.total().min(0.5 * (one.total() + other.total())) + floor;
+            let foretold = 0.5 * (one.total() + other.total());
+            let shown = known.light[middle as usize] + 0.5 * (own.total() + foretold) + floor;
             (bend > params.tolerance * shown).then_some((bend / shown, (a, b)))
         };
         candidates.into_iter().zip(middles).filter_map(bent).collect()
@@ -313,8 +313,7 @@ mod tests {
         };
         let params =
             NearLightParams { tolerance: 0.1, floor: 0.03, ratio: 1.2, shortest: 0.1, rounds: 4, share: 1.0 };
-        let hidden = near.hidden_vertices(&draft);
-        light.refine(&mut draft, &near, &distances, &hidden, &params);
+        light.refine(&mut draft, &near, &distances, &params);
         let at_foot = |v: u32| {
             let p = draft.vertices[v as usize].position;
             p.z == -2.0 && p.y < 0.1 && (p.x - x).abs() < 0.2

@@ -296,7 +296,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         seed: params.seed,
     };
     let mut of_gathers: Vec<u32> = (0..base_vertices as u32).collect();
-    if light.refine(&mut mesh_of_gathers, &near, &distances, &hidden, &params.near_light) {
+    if light.refine(&mut mesh_of_gathers, &near, &distances, &params.near_light) {
         of_gathers = draft.split_as(tracer, &mesh_of_gathers, base_vertices);
         displayed = draft.display(tracer);
         draft.fill(&mut sources, SourceLight::mean);
