@@ -8,7 +8,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use catoptric_scene::Rgb;
-use catoptric_trace::{PlaneId, Tracer};
+use catoptric_trace::{PlaneId, Ray, Tracer};
 
 use crate::JOB;
 use crate::draft::Draft;
@@ -22,6 +22,8 @@ pub struct Sharing {
     mixes: Vec<Mix>,
     /// Vertices that others take light from, ascending.
     leads: Vec<u32>,
+    /// What a mean around each of them is made of, likewise.
+    around_leads: Vec<Mix>,
     /// Per draft vertex: it takes or gives.
     shares: Vec<bool>,
     cell: f32,
@@ -91,16 +93,23 @@ impl Sharing {
             });
             led.extend(group.iter().filter(|m| m.1 != vertex).map(|m| (m.1, vertex)));
         }
+        let lifted = Lifted::new(tracer, draft, members.iter().map(|m| m.1), LIFT * cell);
         let mixes: Vec<Mix> = led
             .par_iter()
             .with_min_len(64)
             .with_max_len(8 * JOB)
-            .map(|&(v, own)| seen(tracer, draft, v, cell, mix(draft, v, own, cell, &around)))
+            .map(|&(v, own)| lifted.seen(tracer, v, mix(draft, v, own, cell, &around)))
             .collect();
 
         let count = draft.vertices.len();
-        let mut sharing =
-            Self { mix_of: vec![ASKED; count], mixes, leads: Vec::new(), shares: vec![false; count], cell };
+        let mut sharing = Self {
+            mix_of: vec![ASKED; count],
+            mixes,
+            leads: Vec::new(),
+            around_leads: Vec::new(),
+            shares: vec![false; count],
+            cell,
+        };
         for (index, (&(member, _), mix)) in led.iter().zip(&sharing.mixes).enumerate() {
             if mix.iter().all(|part| part.1 == 0.0) {
                 continue;
@@ -114,6 +123,13 @@ impl Sharing {
         for &lead in &sharing.leads {
             sharing.shares[lead as usize] = true;
         }
+        sharing.around_leads = sharing
+            .leads
+            .par_iter()
+            .with_min_len(64)
+            .with_max_len(8 * JOB)
+            .map(|&v| lifted.seen(tracer, v, mix(draft, v, v, cell, &around)))
+            .collect();
         sharing
     }
 
@@ -125,6 +141,11 @@ impl Sharing {
     /// The vertices that others take light from.
     pub fn leads(&self) -> &[u32] {
         &self.leads
+    }
+
+    /// Per lead: what its light is made of where it is not exact, itself and those around it.
+    pub fn around_leads(&self) -> impl Iterator<Item = (u32, &[(u32, f32)])> {
+        self.leads.iter().zip(&self.around_leads).map(|(&lead, mix)| (lead, &mix[..]))
     }
 
     /// What a vertex takes its light from; nothing if it is asked itself.
@@ -201,18 +222,40 @@ fn mix(draft: &Draft, member: u32, own: u32, cell: f32, around: &HashMap<([i32; 
 /// Height above the surface, in cells, at which vertices that share must see each other: above what curves between them.
 const LIFT: f32 = 0.25;
 
-/// A mix without the leads that the vertex does not see: the foot of a leg under a carpet and the leg above it are near to
-/// each other, but in other light. No weight at all where none is left.
-fn seen(tracer: &Tracer, draft: &Draft, member: u32, cell: f32, mix: Mix) -> Mix {
-    let above = |v: u32| {
-        let receiver = draft.receiver(tracer, v);
-        receiver.position + receiver.normal * (LIFT * cell)
-    };
-    let own = above(member);
-    let sees = |lead: u32| tracer.visibility(own, PlaneId::NONE, above(lead), PlaneId::NONE) != Rgb::ZERO;
-    let kept = mix.map(|(lead, weight)| (lead, if weight > 0.0 && sees(lead) { weight } else { 0.0 }));
-    let sum: f32 = kept.iter().map(|part| part.1).sum();
-    kept.map(|(lead, weight)| (lead, if sum > 0.0 { weight / sum } else { 0.0 }))
+/// Points before vertices, from which they look at each other.
+struct Lifted(Vec<Vec3>);
+
+impl Lifted {
+    /// Points before some vertices of `draft`, at most so many metres.
+    fn new(tracer: &Tracer, draft: &Draft, vertices: impl Iterator<Item = u32>, lift: f32) -> Self {
+        let vertices: Vec<u32> = vertices.collect();
+        let before = |&v: &u32| {
+            let receiver = draft.receiver(tracer, v);
+            let ray = Ray { origin: receiver.position, direction: receiver.normal, from: receiver.plane };
+            // Half the way to what is before a vertex: a wall that leans over a floor looks down on it.
+            let free = tracer.nearest(&ray, 2.0 * lift).map_or(lift, |hit| lift.min(0.5 * hit.t));
+            receiver.position + receiver.normal * free
+        };
+        let points: Vec<Vec3> =
+            vertices.par_iter().with_min_len(64).with_max_len(8 * JOB).map(before).collect();
+        let mut all = vec![Vec3::NAN; draft.vertices.len()];
+        for (v, point) in vertices.into_iter().zip(points) {
+            all[v as usize] = point;
+        }
+        Self(all)
+    }
+
+    /// A mix without the leads that the vertex does not see: the foot of a leg under a carpet and the leg above it are near to
+    /// each other, but in other light. No weight at all where none is left.
+    fn seen(&self, tracer: &Tracer, member: u32, mix: Mix) -> Mix {
+        let own = self.0[member as usize];
+        let sees = |lead: u32| {
+            tracer.visibility(own, PlaneId::NONE, self.0[lead as usize], PlaneId::NONE) != Rgb::ZERO
+        };
+        let kept = mix.map(|(lead, weight)| (lead, if weight > 0.0 && sees(lead) { weight } else { 0.0 }));
+        let sum: f32 = kept.iter().map(|part| part.1).sum();
+        kept.map(|(lead, weight)| (lead, if sum > 0.0 { weight / sum } else { 0.0 }))
+    }
 }
 
 /// Corners of leaves on curved surfaces and small flat faces.

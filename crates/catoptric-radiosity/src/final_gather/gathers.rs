@@ -64,13 +64,13 @@ pub(super) struct Vertices {
     pub(super) rays: Vec<u32>,
     /// How much the fit trusts them, likewise.
     pub(super) trust: Vec<f32>,
-    /// Display vertices that gather for themselves alone: only what they find is kept by direction.
+    /// Display vertices that gather for themselves alone.
     own: Vec<u32>,
-    /// Per vertex of `own`.
+    /// Per vertex of `own`, then per vertex that gathers for others.
     findings: Vec<Findings>,
     /// Per display vertex: what its rays met.
     pub(super) links: Vec<Links>,
-    /// Per display vertex: its place in `own`; `u32::MAX` for others.
+    /// Per display vertex: its place in `findings`; `u32::MAX` for others.
     place: Vec<u32>,
 }
 
@@ -177,6 +177,7 @@ impl<'a> Gathers<'a> {
         vertex: u32,
         rays: u32,
         bit: u64,
+        guide: Option<&Guide>,
         witness: &mut impl Witness,
     ) -> Gathered {
         let mut sum = Gathered::default();
@@ -189,7 +190,7 @@ impl<'a> Gathers<'a> {
                 self.draft.receiver_inside(self.lights.tracer(), &self.displayed, element, weights);
             let entity = u64::from(vertex) | bit | u64::from(index) << 50;
             let part = 0..rays.div_ceil(POINTS_AROUND);
-            let found = self.gather(light, &receiver, part, None, entity, witness);
+            let found = self.gather(light, &receiver, part, guide, entity, witness);
             sum.add(&found, 1.0 / POINTS_AROUND as f32);
         }
         sum
@@ -214,22 +215,22 @@ impl<'a> Gathers<'a> {
             .filter(|&i| rays[i as usize] > 0)
             .partition(|&i| sharing.shares(origin[i as usize]));
         let mut place = vec![u32::MAX; origin.len()];
-        for (index, &i) in own.iter().enumerate() {
+        for (index, &i) in own.iter().chain(&shares).enumerate() {
             place[i as usize] = index as u32;
         }
         let mut gathered = vec![Gathered::default(); mesh.vertices.len()];
-        let of_groups: Vec<(Gathered, Links)> = shares
+        let (of_groups, of_leads): (Vec<(Gathered, Links)>, Vec<Findings>) = shares
             .par_iter()
             .with_min_len(8)
             .with_max_len(JOB)
             .map(|&i| {
-                let mut links = Links::with_room(rays[i as usize]);
-                let found = self.around(light, origin[i as usize], rays[i as usize], 0, &mut links);
-                links.scale(1.0 / POINTS_AROUND as f32);
-                (found, links)
+                let mut witness = Linking::new(rays[i as usize], Findings::default());
+                let found = self.around(light, origin[i as usize], rays[i as usize], 0, None, &mut witness);
+                witness.links.scale(1.0 / POINTS_AROUND as f32);
+                ((found, witness.links), witness.findings)
             })
-            .collect();
-        let (first, findings): (Vec<(Gathered, Links)>, Vec<Findings>) = own
+            .unzip();
+        let (first, mut findings): (Vec<(Gathered, Links)>, Vec<Findings>) = own
             .par_iter()
             .with_min_len(8)
             .with_max_len(JOB)
@@ -242,6 +243,7 @@ impl<'a> Gathers<'a> {
                 ((found, witness.links), witness.findings)
             })
             .unzip();
+        findings.extend(of_leads);
         let mut links = vec![Links::default(); mesh.vertices.len()];
         for (&i, (found, seen)) in shares.iter().chain(&own).zip(of_groups.into_iter().chain(first)) {
             gathered[i as usize] = found;
@@ -360,14 +362,44 @@ impl<'a> Gathers<'a> {
         Inside { gathered, rays }
     }
 
+    /// The guide of a vertex that samples for others, by what it and those that share with its neighbours found.
+    fn lead_guide(&self, vertices: &Vertices, lead: u32) -> Guide {
+        let Displayed { mesh, origin, .. } = &self.displayed;
+        let sharing = self.shared.sharing;
+        let around = self.hats.around(lead).iter().flat_map(|&e| mesh.elements[e as usize].vertices);
+        let mut beside: Vec<u32> = around
+            .flat_map(|i| {
+                let v = origin[i as usize];
+                sharing
+                    .parts(v)
+                    .iter()
+                    .filter(|part| part.1 > 0.0)
+                    .map(|part| part.0)
+                    .chain(sharing.is_asked(v).then_some(v))
+            })
+            .map(|v| self.shared.shown[v as usize])
+            .collect();
+        beside.sort_unstable();
+        beside.dedup();
+        vertices.guide(beside.into_iter())
+    }
+
     /// Shared vertices have no points inside: those that sample for the others gather once more.
-    pub(super) fn lead(&self, light: &DiffuseLight, vertices: &mut Vertices) {
+    pub(super) fn lead(&self, light: &DiffuseLight, vertices: &mut Vertices, budget: &Budget) {
         let leads = self.shared.sharing.leads();
         let again: Vec<Gathered> = leads
             .par_iter()
             .with_min_len(4)
             .with_max_len(JOB)
-            .map(|&v| self.around(light, v, self.params.gather_rays, AROUND_LEAD, &mut ()))
+            .map(|&v| {
+                let guide = self.lead_guide(vertices, v);
+                let least = budget.least[self.shared.shown[v as usize] as usize];
+                // Never fewer than usual: no points inside and no fit smooth what they find.
+                let usual = self.params.gather_rays;
+                let rays = budget.allocation.rays(usual, budget.deviation(&guide, least)).max(usual);
+                let rays = if self.at_once { rays.max(CONTROLLED_RAYS) } else { rays };
+                self.around(light, v, rays, AROUND_LEAD, Some(&guide), &mut ())
+            })
             .collect();
         for (&lead, found) in leads.iter().zip(again) {
             vertices.gathered[self.shared.shown[lead as usize] as usize] = found;
@@ -446,14 +478,26 @@ impl<'a> SharedGathers<'a> {
         self.mix(displayed, gathered, Gathered::add);
     }
 
-    /// Gives every vertex that is not asked the weighted sum of those that it takes light from.
+    /// Gives every vertex that shares the weighted sum of those that it takes light from.
     fn mix<T: Default>(&self, displayed: &Displayed, values: &mut [T], add: impl Fn(&mut T, &T, f32)) {
-        for (index, &v) in displayed.origin.iter().enumerate().filter(|(_, v)| !self.sharing.is_asked(**v)) {
+        let mixed = |parts: &[(u32, f32)]| {
             let mut sum = T::default();
-            for &(lead, weight) in self.sharing.parts(v) {
+            for &(lead, weight) in parts {
                 add(&mut sum, &values[self.shown[lead as usize] as usize], weight);
             }
-            values[index] = sum;
+            sum
+        };
+        // The leads, too, or their noise would stand out of what is around them.
+        let leads: Vec<(u32, T)> = self
+            .sharing
+            .around_leads()
+            .map(|(lead, parts)| (self.shown[lead as usize], mixed(parts)))
+            .collect();
+        let others = displayed.origin.iter().enumerate().filter(|(_, v)| !self.sharing.is_asked(**v));
+        let others: Vec<(u32, T)> =
+            others.map(|(index, &v)| (index as u32, mixed(self.sharing.parts(v)))).collect();
+        for (index, value) in leads.into_iter().chain(others) {
+            values[index as usize] = value;
         }
     }
 }

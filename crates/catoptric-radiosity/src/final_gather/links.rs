@@ -27,7 +27,7 @@ pub(super) struct Links(Vec<Link>);
 
 impl Links {
     /// For a gather of so many rays.
-    pub(super) fn with_room(rays: u32) -> Self {
+    fn with_room(rays: u32) -> Self {
         Self(Vec::with_capacity(rays as usize))
     }
 
@@ -67,14 +67,6 @@ impl Linking {
     }
 }
 
-impl Witness for Links {
-    #[inline]
-    fn met(&mut self, located: &Located, share: Rgb) {
-        let [u, v, _] = located.weights;
-        self.0.push(Link { element: located.element, weights: [u, v], share });
-    }
-}
-
 impl Witness for Linking {
     #[inline]
     fn sent(&mut self, point: Vec2, radiance: f32) {
@@ -83,6 +75,7 @@ impl Witness for Linking {
 
     #[inline]
     fn met(&mut self, located: &Located, share: Rgb) {
-        self.links.met(located, share);
+        let [u, v, _] = located.weights;
+        self.links.0.push(Link { element: located.element, weights: [u, v], share });
     }
 }

@@ -193,7 +193,7 @@ pub(crate) fn final_gather(
     let irradiance = sight.with(&looked_at);
     let light = DiffuseLight { mesh, irradiance: &irradiance };
     let inside = gathers.inside(&light, &samples, &vertices, &budget);
-    gathers.lead(&light, &mut vertices);
+    gathers.lead(&light, &mut vertices, &budget);
     if progress.is_cancelled() {
         return Err(Cancelled);
     }
