@@ -172,6 +172,31 @@ impl Obstacles {
         }
         Some(clipped.list)
     }
+
+    /// Triangles whose boxes overlap that of a triangle of a curved mesh. Nothing where there are too many.
+    pub(crate) fn near(
+        &self,
+        corners: &[DVec3; 3],
+        flat: &[DVec2; 3],
+        spacing: f64,
+    ) -> Option<Vec<TriangleId>> {
+        let [a, b, c] = *corners;
+        let (min, max) = (a.min(b).min(c) - self.tolerance(), a.max(b).max(c) + self.tolerance());
+        let most = NEAR * worthwhile(area(&[*flat]), spacing);
+        Some(self.tree.overlapping_at_most(min, max, most)?.into_iter().map(TriangleId).collect())
+    }
+
+    /// What a triangle whose corners have these heights crosses of a face that is the triangle `flat` in its plane.
+    pub(crate) fn crossing_inside(
+        &self,
+        corners: &[DVec3; 3],
+        heights: &[f64; 3],
+        face: &FaceDraft,
+        flat: &[DVec2; 3],
+    ) -> Option<Segment> {
+        let segment = crossing(corners, heights, self.tolerance())?;
+        clip(&segment.map(|p| face.frame.flat(p)), flat, self.tolerance())
+    }
 }
 
 /// The gap at each point that lies on contact lines, the smallest of theirs; elsewhere 0.

@@ -17,6 +17,7 @@ use catoptric_trace::plane::bounds_of;
 use catoptric_trace::{MediumId, MediumStack, Tracer};
 
 use crate::contact::{Obstacles, Segment, gaps_at};
+use crate::cut::cuts;
 use crate::display::Displayed;
 use crate::face::{FaceDraft, faces};
 use crate::media::find_media;
@@ -77,6 +78,8 @@ pub struct Draft {
     midpoints: FxHashMap<(u32, u32), u32>,
     /// A face that holds an edge, on curved surfaces: its ends alone may belong to other triangles.
     curved_edges: FxHashMap<(u32, u32), u32>,
+    /// A place on the own side of each edge that lies on a contact line of a curved mesh, whole or halved.
+    pub(crate) beside_lines: FxHashMap<(u32, u32), Vec3>,
     marked: FxHashSet<(u32, u32)>,
 }
 
@@ -85,7 +88,7 @@ const SLIVER: f32 = 0.25;
 
 /// Share of the way to the element's centre by which gathering points of border vertices are drawn inside: above f32
 /// rounding at any scale, below what a pixel shows.
-const INSET: f32 = 0.01;
+pub(crate) const INSET: f32 = 0.01;
 
 /// Beside what hangs or stands before a face light is gathered as far inside as this multiple of its gap, as the dark that
 /// shows through the gap is narrower than elements: as far as that a tenth of the light from an upright side is missing
@@ -137,9 +140,11 @@ impl Draft {
                 })
             })
             .collect();
+        let cuts = cuts(scene, &drafts, &obstacles, spacing_in_f64);
         draft.faces = drafts;
         let mut welded: BTreeMap<[u32; 7], u32> = BTreeMap::new();
         let mut gap_of: Vec<f64> = Vec::new();
+        let mut lines: FxHashSet<(u32, u32)> = FxHashSet::default();
         for index in 0..draft.faces.len() {
             match &flat_meshes[index] {
                 Some((mesh, gaps)) => {
@@ -147,7 +152,14 @@ impl Draft {
                     gap_of.extend(gaps);
                     draft.push_flat(tracer, index, mesh);
                 }
-                None => draft.push_curved(tracer, index, &mut welded),
+                None => draft.push_curved(tracer, index, cuts[index].as_ref(), &mut welded, &mut lines),
+            }
+        }
+        draft.part_along(&lines);
+        for index in 0..draft.leaves.len() {
+            let Leaf { face, vertices, .. } = draft.leaves[index];
+            if draft.faces[face as usize].curved {
+                draft.note_edges(face, vertices);
             }
         }
         gap_of.resize(draft.vertices.len(), 0.0);
@@ -168,6 +180,7 @@ impl Draft {
             }
             draft.split(tracer, &marks);
         }
+        draft.inset_lines();
         // What has been made so far is the base.
         for (root, leaf) in draft.leaves.iter_mut().enumerate() {
             leaf.root = root as u32;
@@ -205,49 +218,6 @@ impl Draft {
             self.leaves.push(Leaf { vertices: [a, b, c], face: face as u32, root, level: 0 });
         }
         self.vertices.extend(vertices);
-    }
-
-    fn push_curved(&mut self, tracer: &Tracer, face: usize, welded: &mut BTreeMap<[u32; 7], u32>) {
-        let scene = tracer.scene();
-        let draft = &self.faces[face];
-        let (id, side) = (draft.triangles[0], draft.side);
-        let surface = scene.triangles()[id.index()].surface.0;
-        let corners = scene.corners(id);
-        let at = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)];
-        let vertices: [u32; 3] = std::array::from_fn(|k| {
-            let normal = side.orient(scene.shading_normal(id, Barycentric { u: at[k].0, v: at[k].1 }));
-            let p = corners[k];
-            // Adding zero turns −0 into +0.
-            let bits = |v: f32| (v + 0.0).to_bits();
-            let rounded = |v: f32| ((v * 4096.0).round() + 0.0).to_bits();
-            let kind = surface << 1 | side as u32;
-            let key = [
-                bits(p.x),
-                bits(p.y),
-                bits(p.z),
-                rounded(normal.x),
-                rounded(normal.y),
-                rounded(normal.z),
-                kind,
-            ];
-            *welded.entry(key).or_insert_with(|| {
-                let center = (corners[0] + corners[1] + corners[2]) / 3.0;
-                self.vertices.push(DraftVertex {
-                    position: p,
-                    sample: p.lerp(center, INSET),
-                    outlook: p.lerp(center, INSET),
-                    normal,
-                    face: face as u32,
-                    triangle: id,
-                    medium: MediumId::AIR,
-                    parents: None,
-                });
-                self.vertices.len() as u32 - 1
-            })
-        });
-        self.note_edges(face as u32, vertices);
-        let root = self.leaves.len() as u32;
-        self.leaves.push(Leaf { vertices, face: face as u32, root, level: 0 });
     }
 
     /// Draws the gathering points of flat border vertices inside, farther where a gap is beside them (metres, by vertex).
@@ -346,7 +316,8 @@ impl Draft {
         let (triangle, normal, sample, outlook) = if face.curved {
             let triangle = face.triangles[0];
             let corners = tracer.scene().corners(triangle);
-            let center = (corners[0] + corners[1] + corners[2]) / 3.0;
+            let beside = self.beside_lines.get(&(a, b)).copied();
+            let center = beside.unwrap_or((corners[0] + corners[1] + corners[2]) / 3.0);
             let normal = (p.normal + q.normal).try_normalize().unwrap_or(p.normal);
             let inside = position.lerp(center, INSET);
             (triangle, normal, inside, inside)
@@ -368,6 +339,10 @@ impl Draft {
             parents: Some([a, b]),
         });
         self.midpoints.insert((a, b), index);
+        if let Some(&beside) = self.beside_lines.get(&(a, b)) {
+            self.beside_lines.insert(edge(a, index), beside);
+            self.beside_lines.insert(edge(index, b), beside);
+        }
         index
     }
 

@@ -25,8 +25,8 @@ impl Draft {
         let mut widths = vec![f32::INFINITY; self.faces.len()];
         for (index, leaf) in self.leaves.iter().enumerate() {
             if self.faces[leaf.face as usize].curved {
-                widths[leaf.face as usize] =
-                    edges_of(leaf).into_iter().map(|key| self.length(key)).fold(f32::INFINITY, f32::min);
+                let [a, b, c] = tracer.scene().corners(self.faces[leaf.face as usize].triangles[0]);
+                widths[leaf.face as usize] = (b - a).length().min((c - b).length()).min((a - c).length());
                 for key in edges_of(leaf) {
                     if self.length(key) > shortest {
                         beside.entry(key).or_default().push(index as u32);

@@ -146,6 +146,52 @@ pub fn triangulate(triangles: &[[DVec2; 3]], contacts: &[Segment], spacing: f64,
     if mesh.triangles.is_empty() { plain(triangles) } else { mesh }
 }
 
+/// A triangle in parts.
+pub(crate) struct CutMesh {
+    /// The points of its outline, then those inside.
+    pub(crate) points: Vec<DVec2>,
+    /// Counter-clockwise triangles.
+    pub(crate) triangles: Vec<[u32; 3]>,
+    /// Their edges on lines.
+    pub(crate) lines: Vec<[u32; 2]>,
+}
+
+/// Cuts a triangle along lines, counter-clockwise `outline` with the points on its edges (constrained Delaunay). Nothing where the
+/// outline would not stay as it is.
+pub(crate) fn cut(outline: &[DVec2], lines: &[Segment], tolerance: f64) -> Option<CutMesh> {
+    let count = outline.len();
+    let rim: Vec<Segment> = (0..count).map(|k| [outline[k], outline[(k + 1) % count]]).collect();
+    let Arrangement { points, edges } = Arrangement::new(&rim, lines, f64::INFINITY, tolerance)?;
+    let is_rim = |[a, b]: [u32; 2]| {
+        let (low, high) = (a.min(b) as usize, a.max(b) as usize);
+        high < count && (high == low + 1 || (low == 0 && high + 1 == count))
+    };
+    let kept = edges.iter().filter(|edge| is_rim(edge.ends)).count();
+    let others = edges.iter().any(|edge| !edge.contact && !is_rim(edge.ends));
+    if points.get(..count) != Some(outline) || kept != count || others {
+        return None;
+    }
+    let sites = points.iter().map(|p| Site { position: Point2::new(p.x, p.y) }).collect();
+    let constraints = edges.iter().map(|edge| edge.ends.map(|end| end as usize)).collect();
+    let cdt = ConstrainedDelaunayTriangulation::<Site>::try_bulk_load_cdt(sites, constraints, |_| {}).ok()?;
+    if cdt.num_vertices() != points.len() {
+        return None;
+    }
+    let mut triangles = Vec::new();
+    for face in cdt.inner_faces() {
+        let corners = face.vertices().map(|v| v.fix().index());
+        let [a, b, c] = corners.map(|v| points[v]);
+        let longest = (b - a).length().max((c - b).length()).max((a - c).length());
+        // Points on an edge are on one line but for rounding: what lies between them is no part.
+        if (b - a).perp_dot(c - a) > 0.1 * tolerance * longest {
+            triangles.push(corners.map(|v| v as u32));
+        }
+    }
+    let lines =
+        edges.iter().filter(|edge| edge.contact && !is_rim(edge.ends)).map(|edge| edge.ends).collect();
+    Some(CutMesh { points, triangles, lines })
+}
+
 /// The face's own triangles as they are.
 fn plain(triangles: &[[DVec2; 3]]) -> FlatMesh {
     let mut mesh = FlatMesh::default();
