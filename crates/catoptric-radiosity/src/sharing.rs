@@ -222,23 +222,22 @@ fn mix(draft: &Draft, member: u32, own: u32, cell: f32, around: &HashMap<([i32; 
 /// Height above the surface, in cells, at which vertices that share must see each other: above what curves between them.
 const LIFT: f32 = 0.25;
 
-/// Points before vertices, from which they look at each other.
-struct Lifted(Vec<Vec3>);
+/// Points before vertices, from which they look at each other; none where something is in between.
+struct Lifted(Vec<Option<Vec3>>);
 
 impl Lifted {
-    /// Points before some vertices of `draft`, at most so many metres.
+    /// Points so many metres before some vertices of `draft`.
     fn new(tracer: &Tracer, draft: &Draft, vertices: impl Iterator<Item = u32>, lift: f32) -> Self {
         let vertices: Vec<u32> = vertices.collect();
         let before = |&v: &u32| {
             let receiver = draft.receiver(tracer, v);
             let ray = Ray { origin: receiver.position, direction: receiver.normal, from: receiver.plane };
-            // Half the way to what is before a vertex: a wall that leans over a floor looks down on it.
-            let free = tracer.nearest(&ray, 2.0 * lift).map_or(lift, |hit| lift.min(0.5 * hit.t));
-            receiver.position + receiver.normal * free
+            let is_free = tracer.nearest(&ray, lift).is_none();
+            is_free.then(|| receiver.position + receiver.normal * lift)
         };
-        let points: Vec<Vec3> =
+        let points: Vec<Option<Vec3>> =
             vertices.par_iter().with_min_len(64).with_max_len(8 * JOB).map(before).collect();
-        let mut all = vec![Vec3::NAN; draft.vertices.len()];
+        let mut all = vec![None; draft.vertices.len()];
         for (v, point) in vertices.into_iter().zip(points) {
             all[v as usize] = point;
         }
@@ -246,11 +245,13 @@ impl Lifted {
     }
 
     /// A mix without the leads that the vertex does not see: the foot of a leg under a carpet and the leg above it are near to
-    /// each other, but in other light. No weight at all where none is left.
+    /// each other, but in other light, and so is what has something just before it. No weight at all where none is left.
     fn seen(&self, tracer: &Tracer, member: u32, mix: Mix) -> Mix {
-        let own = self.0[member as usize];
-        let sees = |lead: u32| {
-            tracer.visibility(own, PlaneId::NONE, self.0[lead as usize], PlaneId::NONE) != Rgb::ZERO
+        let sees = |lead: u32| match [member, lead].map(|v| self.0[v as usize]) {
+            [Some(own), Some(other)] => {
+                tracer.visibility(own, PlaneId::NONE, other, PlaneId::NONE) != Rgb::ZERO
+            }
+            _ => false,
         };
         let kept = mix.map(|(lead, weight)| (lead, if weight > 0.0 && sees(lead) { weight } else { 0.0 }));
         let sum: f32 = kept.iter().map(|part| part.1).sum();

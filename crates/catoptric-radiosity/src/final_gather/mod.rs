@@ -8,10 +8,11 @@ mod links;
 
 use catoptric_light::Lights;
 use catoptric_scene::{Cancelled, Progress, Rgb};
+use catoptric_solution::DisplayMesh;
 
 use crate::display::Displayed;
 use crate::draft::Draft;
-use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit};
+use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit, pooled};
 use crate::gather::{DiffuseLight, Gathered};
 use crate::patch::PatchMesh;
 use crate::rows::Row;
@@ -287,7 +288,8 @@ fn fit_terms(
     let lit: Vec<(usize, Vec<Rgb>, Vec<Rgb>)> = (0..4).filter_map(found).collect();
     let together: Vec<FitTerm> = lit.iter().map(|(_, values, prior)| FitTerm { values, prior }).collect();
     let noise: Vec<f32> = vertices.gathered.iter().map(|g| g.noise).collect();
-    let fitted = fit(&FitMesh::new(mesh), samples, &together, &vertices.trust, &noise, params);
+    let trust = trusted(mesh, &vertices.trust, &noise);
+    let fitted = fit(&FitMesh::new(mesh), samples, &together, &trust, &noise, params);
     for ((term, ..), fitted) in lit.iter().zip(fitted) {
         for (&v, fitted) in origin.iter().zip(fitted) {
             if let Some(terms) = &mut terms[v as usize] {
@@ -296,4 +298,56 @@ fn fit_terms(
         }
     }
     terms
+}
+
+/// A vertex is trusted less if its deviation is more than this multiple of what those around it have.
+const OUTLIER: f32 = 2.0;
+
+/// Trust per vertex without outliers: where one of few rays met what is small and bright, and next to none of the neighbours' did. By
+/// as much less as its variance, of which `noise` is the estimate, stands out.
+fn trusted(mesh: &DisplayMesh, trust: &[f32], noise: &[f32]) -> Vec<f32> {
+    let deviations: Vec<f32> = noise.iter().map(|variance| variance.sqrt()).collect();
+    let usual = pooled(mesh, &deviations);
+    let own = |((&trust, &deviation), &usual): ((&f32, &f32), &f32)| {
+        let most = OUTLIER * usual;
+        if deviation > most { trust * (most / deviation).powi(2) } else { trust }
+    };
+    trust.iter().zip(&deviations).zip(&usual).map(own).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use catoptric_scene::{Material, Scene, SceneParts, Side};
+    use catoptric_trace::Tracer;
+    use glam::Vec3;
+
+    use super::*;
+
+    #[test]
+    fn only_what_stands_out_of_its_neighbours_is_trusted_less() {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        parts.add_quad("floor", white, Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let mesh = Draft::new(&tracer, 0.4).display(&tracer).mesh;
+        assert!(mesh.vertices.iter().all(|v| v.side == Side::Front));
+        // Noise that grows over the floor, and one vertex with a hundred times the variance.
+        let noise = |outlier: Option<usize>| -> Vec<f32> {
+            let own = |(index, p): (usize, Vec3)| {
+                (1.0 + p.x).powi(2) * if outlier == Some(index) { 100.0 } else { 1.0 }
+            };
+            mesh.vertices.iter().map(|v| v.position).enumerate().map(own).collect()
+        };
+        let trust = vec![3.0; mesh.vertices.len()];
+        assert_eq!(trusted(&mesh, &trust, &noise(None)), trust);
+        let off_middle = |v: usize| mesh.vertices[v].position.distance(Vec3::new(2.0, 0.0, 2.0));
+        let outlier = (0..mesh.vertices.len()).min_by(|&a, &b| off_middle(a).total_cmp(&off_middle(b)));
+        let outlier = outlier.expect("the floor has vertices");
+        let less = trusted(&mesh, &trust, &noise(Some(outlier)));
+        for (index, &trust) in less.iter().enumerate() {
+            // Two rounds of means leave at most a third of its deviation in what is usual there.
+            assert!(if index == outlier { trust < 3.0 * (2.0_f32 / 3.0).powi(2) } else { trust == 3.0 });
+        }
+    }
 }

@@ -140,8 +140,8 @@ pub(crate) fn variance_of_halves(difference: Rgb) -> f32 {
 /// Times that variances are pooled with those of neighbours: each is one difference.
 const POOLING: usize = 2;
 
-/// Variances per vertex as means over the elements around.
-fn pooled(mesh: &DisplayMesh, noise: &[f32]) -> Vec<f32> {
+/// Values per vertex as means over the elements around.
+pub(crate) fn pooled(mesh: &DisplayMesh, noise: &[f32]) -> Vec<f32> {
     let mut pooled = noise.to_vec();
     for _ in 0..if noise.is_empty() { 0 } else { POOLING } {
         let mut sums = vec![(0.0_f32, 0.0_f32); noise.len()];
