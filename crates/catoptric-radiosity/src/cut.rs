@@ -14,6 +14,7 @@ use crate::contact::{Obstacles, Segment};
 use crate::draft::{Draft, DraftVertex, INSET, Leaf, edge};
 use crate::face::FaceDraft;
 use crate::triangulate::{CutMesh, cut};
+use crate::union::Union;
 
 /// Crossings nearer to the end of an edge than this share of its length are at its end: the points of vertices are drawn farther
 /// inside than that.
@@ -350,31 +351,25 @@ impl Draft {
         for v in parted {
             let Some(fan) = around.get(&v) else { continue };
             // Triangles that share an edge which is on no line are on one side.
-            let mut side: Vec<usize> = (0..fan.len()).collect();
-            let others = |at: usize| {
-                let (leaf, k) = fan[at];
+            let mut side = Union::new(fan.len());
+            let mut beside: FxHashMap<u32, u32> = FxHashMap::default();
+            for (at, &(leaf, k)) in fan.iter().enumerate() {
                 let corners = before[leaf as usize];
-                [corners[(k + 1) % 3], corners[(k + 2) % 3]]
-            };
-            for i in 0..fan.len() {
-                for j in 0..i {
-                    let joined =
-                        others(i).iter().any(|&w| others(j).contains(&w) && !lines.contains(&edge(v, w)));
-                    let (one, other) = (side[i].min(side[j]), side[i].max(side[j]));
-                    if joined && one != other {
-                        side.iter_mut().filter(|s| **s == other).for_each(|s| *s = one);
+                for w in [corners[(k + 1) % 3], corners[(k + 2) % 3]] {
+                    if !lines.contains(&edge(v, w)) {
+                        side.join(at as u32, *beside.entry(w).or_insert(at as u32));
                     }
                 }
             }
-            let mut sides = side.clone();
-            sides.sort_unstable();
-            sides.dedup();
-            for &own in &sides[1..] {
-                let copy = self.vertices.len() as u32;
-                self.vertices.push(self.vertices[v as usize]);
-                for (&(leaf, k), _) in fan.iter().zip(&side).filter(|(_, side)| **side == own) {
-                    self.leaves[leaf as usize].vertices[k] = copy;
-                }
+            let (side, sides) = side.numbered();
+            let copies: Vec<u32> = (1..sides)
+                .map(|_| {
+                    self.vertices.push(self.vertices[v as usize]);
+                    self.vertices.len() as u32 - 1
+                })
+                .collect();
+            for (&(leaf, k), side) in fan.iter().zip(side).filter(|(_, side)| *side > 0) {
+                self.leaves[leaf as usize].vertices[k] = copies[side as usize - 1];
             }
         }
         // What halves an edge on a line is drawn to its own side.
@@ -389,15 +384,23 @@ impl Draft {
         }
     }
 
+    /// Whether each vertex is on a contact line of a curved mesh.
+    pub(crate) fn on_lines(&self) -> Vec<bool> {
+        let mut on = vec![false; self.vertices.len()];
+        for &(a, b) in self.beside_lines.keys() {
+            (on[a as usize], on[b as usize]) = (true, true);
+        }
+        on
+    }
+
     /// Draws the sampling points of vertices on contact lines of curved meshes inside, each to its own side.
     pub(crate) fn inset_lines(&mut self) {
         if self.beside_lines.is_empty() {
             return;
         }
-        let mut sums: Vec<Option<(Vec3, f32)>> = vec![None; self.vertices.len()];
-        for &(a, b) in self.beside_lines.keys() {
-            (sums[a as usize], sums[b as usize]) = (Some((Vec3::ZERO, 0.0)), Some((Vec3::ZERO, 0.0)));
-        }
+        let on_lines = self.on_lines();
+        let mut sums: Vec<Option<(Vec3, f32)>> =
+            on_lines.into_iter().map(|on| on.then_some((Vec3::ZERO, 0.0))).collect();
         for leaf in &self.leaves {
             let center = self.center(leaf);
             for &v in &leaf.vertices {

@@ -9,6 +9,7 @@ use catoptric_scene::{Side, TriangleId};
 use catoptric_trace::{PlaneId, Tracer};
 
 use crate::face_grid::FaceGrid;
+use crate::union::Union;
 
 /// A flat region of one material on one side.
 #[derive(Clone, Debug)]
@@ -151,32 +152,18 @@ fn islands(tracer: &Tracer, members: Vec<TriangleId>) -> Vec<Vec<TriangleId>> {
         return vec![members];
     }
     let scene = tracer.scene();
-    let mut parent: Vec<usize> = (0..members.len()).collect();
-    fn root(parent: &mut [usize], mut i: usize) -> usize {
-        while parent[i] != i {
-            parent[i] = parent[parent[i]];
-            i = parent[i];
-        }
-        i
-    }
-    let mut seen: HashMap<[u32; 3], usize> = HashMap::new();
+    let mut parts = Union::new(members.len());
+    let mut seen: HashMap<[u32; 3], u32> = HashMap::new();
     for (index, &id) in members.iter().enumerate() {
         for corner in scene.corners(id) {
             let key = [corner.x, corner.y, corner.z].map(|c| (c + 0.0).to_bits());
-            match seen.get(&key) {
-                None => {
-                    seen.insert(key, index);
-                }
-                Some(&other) => {
-                    let (a, b) = (root(&mut parent, index), root(&mut parent, other));
-                    parent[a.max(b)] = a.min(b);
-                }
-            }
+            parts.join(index as u32, *seen.entry(key).or_insert(index as u32));
         }
     }
-    let mut groups: BTreeMap<usize, Vec<TriangleId>> = BTreeMap::new();
-    for (index, &id) in members.iter().enumerate() {
-        groups.entry(root(&mut parent, index)).or_default().push(id);
+    let (part, count) = parts.numbered();
+    let mut groups = vec![Vec::new(); count];
+    for (part, id) in part.into_iter().zip(members) {
+        groups[part as usize].push(id);
     }
-    groups.into_values().collect()
+    groups
 }

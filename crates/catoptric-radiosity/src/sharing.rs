@@ -8,7 +8,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use catoptric_scene::Rgb;
-use catoptric_trace::{PlaneId, Ray, Tracer};
+use catoptric_trace::{PlaneId, Tracer};
 
 use crate::JOB;
 use crate::draft::Draft;
@@ -93,12 +93,11 @@ impl Sharing {
             });
             led.extend(group.iter().filter(|m| m.1 != vertex).map(|m| (m.1, vertex)));
         }
-        let lifted = Lifted::new(tracer, draft, members.iter().map(|m| m.1), LIFT * cell);
         let mixes: Vec<Mix> = led
             .par_iter()
             .with_min_len(64)
             .with_max_len(8 * JOB)
-            .map(|&(v, own)| lifted.seen(tracer, v, mix(draft, v, own, cell, &around)))
+            .map(|&(v, own)| seen(tracer, draft, v, cell, mix(draft, v, own, cell, &around)))
             .collect();
 
         let count = draft.vertices.len();
@@ -128,7 +127,7 @@ impl Sharing {
             .par_iter()
             .with_min_len(64)
             .with_max_len(8 * JOB)
-            .map(|&v| lifted.seen(tracer, v, mix(draft, v, v, cell, &around)))
+            .map(|&v| seen(tracer, draft, v, cell, mix(draft, v, v, cell, &around)))
             .collect();
         sharing
     }
@@ -222,41 +221,18 @@ fn mix(draft: &Draft, member: u32, own: u32, cell: f32, around: &HashMap<([i32; 
 /// Height above the surface, in cells, at which vertices that share must see each other: above what curves between them.
 const LIFT: f32 = 0.25;
 
-/// Points before vertices, from which they look at each other; none where something is in between.
-struct Lifted(Vec<Option<Vec3>>);
-
-impl Lifted {
-    /// Points so many metres before some vertices of `draft`.
-    fn new(tracer: &Tracer, draft: &Draft, vertices: impl Iterator<Item = u32>, lift: f32) -> Self {
-        let vertices: Vec<u32> = vertices.collect();
-        let before = |&v: &u32| {
-            let receiver = draft.receiver(tracer, v);
-            let ray = Ray { origin: receiver.position, direction: receiver.normal, from: receiver.plane };
-            let is_free = tracer.nearest(&ray, lift).is_none();
-            is_free.then(|| receiver.position + receiver.normal * lift)
-        };
-        let points: Vec<Option<Vec3>> =
-            vertices.par_iter().with_min_len(64).with_max_len(8 * JOB).map(before).collect();
-        let mut all = vec![None; draft.vertices.len()];
-        for (v, point) in vertices.into_iter().zip(points) {
-            all[v as usize] = point;
-        }
-        Self(all)
-    }
-
-    /// A mix without the leads that the vertex does not see: the foot of a leg under a carpet and the leg above it are near to
-    /// each other, but in other light, and so is what has something just before it. No weight at all where none is left.
-    fn seen(&self, tracer: &Tracer, member: u32, mix: Mix) -> Mix {
-        let sees = |lead: u32| match [member, lead].map(|v| self.0[v as usize]) {
-            [Some(own), Some(other)] => {
-                tracer.visibility(own, PlaneId::NONE, other, PlaneId::NONE) != Rgb::ZERO
-            }
-            _ => false,
-        };
-        let kept = mix.map(|(lead, weight)| (lead, if weight > 0.0 && sees(lead) { weight } else { 0.0 }));
-        let sum: f32 = kept.iter().map(|part| part.1).sum();
-        kept.map(|(lead, weight)| (lead, if sum > 0.0 { weight / sum } else { 0.0 }))
-    }
+/// A mix without the leads that the vertex does not see: the foot of a leg under a carpet and the leg above it are near to
+/// each other, but in other light. No weight at all where none is left.
+fn seen(tracer: &Tracer, draft: &Draft, member: u32, cell: f32, mix: Mix) -> Mix {
+    let above = |v: u32| {
+        let receiver = draft.receiver(tracer, v);
+        receiver.position + receiver.normal * (LIFT * cell)
+    };
+    let own = above(member);
+    let sees = |lead: u32| tracer.visibility(own, PlaneId::NONE, above(lead), PlaneId::NONE) != Rgb::ZERO;
+    let kept = mix.map(|(lead, weight)| (lead, if weight > 0.0 && sees(lead) { weight } else { 0.0 }));
+    let sum: f32 = kept.iter().map(|part| part.1).sum();
+    kept.map(|(lead, weight)| (lead, if sum > 0.0 { weight / sum } else { 0.0 }))
 }
 
 /// Corners of leaves on curved surfaces and small flat faces.
@@ -267,12 +243,15 @@ fn eligible(draft: &Draft, spacing: f32, alone: &[bool]) -> Vec<u32> {
     }
     let detail =
         |face: u32| draft.faces[face as usize].curved || area[face as usize] < DETAIL * spacing * spacing;
+    let on_lines = draft.on_lines();
     let mut used = vec![false; draft.vertices.len()];
     for vertex in draft.leaves.iter().flat_map(|l| l.vertices) {
         used[vertex as usize] = true;
     }
     (0..draft.vertices.len() as u32)
         .filter(|&v| used[v as usize] && !alone.get(v as usize).copied().unwrap_or(false))
+        // Seen from a little before the surface, they may be on the other side of what crosses it.
+        .filter(|&v| !on_lines[v as usize])
         .filter(|&v| detail(draft.vertices[v as usize].face))
         .collect()
 }

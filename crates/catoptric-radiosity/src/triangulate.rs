@@ -8,6 +8,7 @@ use spade::{
 };
 
 use crate::contact::Segment;
+use crate::union::Union;
 
 /// A flat triangle mesh whose corners know on which side of a contact line they are.
 #[derive(Clone, Debug, Default)]
@@ -98,7 +99,7 @@ pub fn triangulate(triangles: &[[DVec2; 3]], contacts: &[Segment], spacing: f64,
             kept.push(corners.map(|c| c as u32));
         }
     }
-    let mut corners = Corners::new(kept.len() * 3);
+    let mut corners = Union::new(kept.len() * 3);
     let contact: std::collections::HashSet<(u32, u32)> = arrangement
         .edges
         .iter()
@@ -122,7 +123,7 @@ pub fn triangulate(triangles: &[[DVec2; 3]], contacts: &[Segment], spacing: f64,
         for end in ends {
             let corner = |slot: u32| {
                 let at = kept[slot as usize].iter().position(|&c| c == end).unwrap_or(0);
-                slot as usize * 3 + at
+                slot * 3 + at as u32
             };
             corners.join(corner(left), corner(right));
         }
@@ -134,7 +135,7 @@ pub fn triangulate(triangles: &[[DVec2; 3]], contacts: &[Segment], spacing: f64,
     let positions: Vec<DVec2> = cdt.vertices().map(|v| DVec2::new(v.position().x, v.position().y)).collect();
     for (slot, triangle) in kept.iter().enumerate() {
         let own = std::array::from_fn(|k| {
-            let root = corners.root(slot * 3 + k);
+            let root = corners.find((slot * 3 + k) as u32) as usize;
             if vertex_of[root] == u32::MAX {
                 vertex_of[root] = mesh.points.len() as u32;
                 mesh.points.push(positions[triangle[k] as usize]);
@@ -206,30 +207,6 @@ fn plain(triangles: &[[DVec2; 3]]) -> FlatMesh {
         });
     }
     mesh
-}
-
-/// Union–find over triangle corners.
-struct Corners {
-    parent: Vec<usize>,
-}
-
-impl Corners {
-    fn new(count: usize) -> Self {
-        Self { parent: (0..count).collect() }
-    }
-
-    fn root(&mut self, mut i: usize) -> usize {
-        while self.parent[i] != i {
-            self.parent[i] = self.parent[self.parent[i]];
-            i = self.parent[i];
-        }
-        i
-    }
-
-    fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.parent[a.max(b)] = a.min(b);
-    }
 }
 
 /// Triangles without those that have the same corners as one before: an outline does not see what lies twice.
