@@ -5,7 +5,7 @@ mod particles;
 mod path;
 pub mod twin;
 
-use catoptric_scene::{Camera, Projection};
+use catoptric_scene::{Camera, Material, MaterialId, Projection, Rgb, SceneParts};
 use glam::{Affine3A, Mat3, Vec3};
 
 /// A square perspective view from `eye` to `target`; `yfov` in radians.
@@ -20,4 +20,18 @@ pub fn looking(eye: Vec3, target: Vec3, yfov: f32) -> Camera {
         aspect: Some(1.0),
         near: 0.0,
     }
+}
+
+/// An empty room of 3 × 2.2 × 3 metres, and its material.
+pub fn white_room() -> (SceneParts, MaterialId) {
+    let mut parts = SceneParts::default();
+    let white = parts.add_material(Material::lambertian("white", Rgb::new(0.7, 0.65, 0.6)));
+    let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+    parts.add_quad("floor", white, Vec3::new(-1.5, 0.0, 1.5), 3.0 * x, -3.0 * z);
+    parts.add_quad("ceiling", white, Vec3::new(-1.5, 2.2, -1.5), 3.0 * x, 3.0 * z);
+    parts.add_quad("back", white, Vec3::new(-1.5, 0.0, -1.5), 3.0 * x, 2.2 * y);
+    parts.add_quad("front", white, Vec3::new(1.5, 0.0, 1.5), -3.0 * x, 2.2 * y);
+    parts.add_quad("left", white, Vec3::new(-1.5, 0.0, -1.5), 2.2 * y, 3.0 * z);
+    parts.add_quad("right", white, Vec3::new(1.5, 0.0, 1.5), 2.2 * y, -3.0 * z);
+    (parts, white)
 }

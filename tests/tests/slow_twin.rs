@@ -14,8 +14,8 @@ use catoptric_scene::{
 };
 use catoptric_solution::Quality;
 use catoptric_tests::compare::{Allowance, Mismatch, compare, comparisons};
-use catoptric_tests::looking;
 use catoptric_tests::twin::{self, LAYERS, Twin, TwinParams};
+use catoptric_tests::{looking, white_room};
 use catoptric_trace::Tracer;
 use glam::Vec3;
 
@@ -254,17 +254,9 @@ fn area_lights_with_a_lobe_agree() {
 
 /// A ball on the floor of a closed room, seen from the floor before it.
 fn under_a_ball() -> Scene {
-    let mut parts = SceneParts::default();
-    let white = parts.add_material(Material::lambertian("white", Rgb::new(0.7, 0.65, 0.6)));
+    let (mut parts, white) = white_room();
     let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::new(12.0, 11.0, 10.0))));
-    let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
-    parts.add_quad("floor", white, Vec3::new(-1.5, 0.0, 1.5), 3.0 * x, -3.0 * z);
-    parts.add_quad("ceiling", white, Vec3::new(-1.5, 2.2, -1.5), 3.0 * x, 3.0 * z);
-    parts.add_quad("back", white, Vec3::new(-1.5, 0.0, -1.5), 3.0 * x, 2.2 * y);
-    parts.add_quad("front", white, Vec3::new(1.5, 0.0, 1.5), -3.0 * x, 2.2 * y);
-    parts.add_quad("left", white, Vec3::new(-1.5, 0.0, -1.5), 2.2 * y, 3.0 * z);
-    parts.add_quad("right", white, Vec3::new(1.5, 0.0, 1.5), 2.2 * y, -3.0 * z);
-    parts.add_quad("lamp", lamp, Vec3::new(-0.4, 2.19, -0.4), 0.8 * x, 0.8 * z);
+    parts.add_quad("lamp", lamp, Vec3::new(-0.4, 2.19, -0.4), 0.8 * Vec3::X, 0.8 * Vec3::Z);
     parts.add_sphere("ball", white, Vec3::new(0.0, 0.35, 0.0), 0.35, 48);
     parts.cameras.push(looking(Vec3::new(0.0, 0.02, 0.35), Vec3::new(0.0, 0.0, 0.06), 0.3));
     Scene::new(parts).expect("the scene is valid")

@@ -90,16 +90,12 @@ pub(crate) fn cuts(
         .par_iter()
         .zip(&lines)
         .map(|(face, lines)| {
-            if !face.curved || (lines.is_empty() && ends.is_empty()) {
+            if !face.curved || ends.is_empty() && lines.is_empty() {
                 return None;
             }
             let triangle = Triangle::new(scene, face);
-            let is_known = |k: usize| ends.contains_key(&triangle.key(k).0);
-            if lines.is_empty() && !(0..3).any(is_known) {
-                None
-            } else {
-                triangle.cut(&ends, lines, tolerance)
-            }
+            let is_crossed = !lines.is_empty() || (0..3).any(|k| ends.contains_key(&triangle.key(k).0));
+            is_crossed.then(|| triangle.cut(&ends, lines, tolerance))?
         })
         .collect()
 }
@@ -124,6 +120,21 @@ fn keep_largest(scene: &Scene, faces: &[FaceDraft], lines: &mut [Vec<Segment>]) 
         }
         left -= lines[index].len();
     }
+}
+
+/// Which of `count` vertices are ends of such edges.
+fn ends_of<'a>(edges: impl Iterator<Item = &'a (u32, u32)>, count: usize) -> Vec<bool> {
+    let mut are_ends = vec![false; count];
+    for &(a, b) in edges {
+        (are_ends[a as usize], are_ends[b as usize]) = (true, true);
+    }
+    are_ends
+}
+
+/// Front shading normal at corner `k` of a triangle.
+fn corner_normal(scene: &Scene, id: TriangleId, k: usize) -> Vec3 {
+    let [u, v] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]][k];
+    scene.shading_normal(id, Barycentric { u, v })
 }
 
 /// A triangle of a curved mesh in space and in its plane.
@@ -160,8 +171,7 @@ impl<'a> Triangle<'a> {
 
     /// Front normal at a corner.
     fn normal(&self, k: usize) -> Vec3 {
-        let [u, v] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]][k];
-        self.scene.shading_normal(self.id, Barycentric { u, v })
+        corner_normal(self.scene, self.id, k)
     }
 
     /// A point inside, in space.
@@ -304,11 +314,8 @@ impl Draft {
         };
         let parts: Vec<[u32; 3]> = match cut {
             None => {
-                let at = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)];
-                vec![std::array::from_fn(|k| {
-                    let normal = scene.shading_normal(id, Barycentric { u: at[k].0, v: at[k].1 });
-                    vertex(corners[k], side.orient(normal), false)
-                })]
+                let corner = |k| vertex(corners[k], side.orient(corner_normal(scene, id, k)), false);
+                vec![std::array::from_fn(corner)]
             }
             Some(cut) => {
                 let own: Vec<u32> = cut
@@ -331,13 +338,7 @@ impl Draft {
         if lines.is_empty() {
             return;
         }
-        let is_on = {
-            let mut on = vec![false; self.vertices.len()];
-            for &(a, b) in lines {
-                (on[a as usize], on[b as usize]) = (true, true);
-            }
-            on
-        };
+        let is_on = ends_of(lines.iter(), self.vertices.len());
         // The corners of triangles at each such vertex, ascending.
         let mut around: FxHashMap<u32, Vec<(u32, usize)>> = FxHashMap::default();
         for (index, leaf) in self.leaves.iter().enumerate() {
@@ -386,11 +387,7 @@ impl Draft {
 
     /// Whether each vertex is on a contact line of a curved mesh.
     pub(crate) fn on_lines(&self) -> Vec<bool> {
-        let mut on = vec![false; self.vertices.len()];
-        for &(a, b) in self.beside_lines.keys() {
-            (on[a as usize], on[b as usize]) = (true, true);
-        }
-        on
+        ends_of(self.beside_lines.keys(), self.vertices.len())
     }
 
     /// Draws the sampling points of vertices on contact lines of curved meshes inside, each to its own side.

@@ -141,10 +141,10 @@ pub(crate) fn variance_of_halves(difference: Rgb) -> f32 {
 const POOLING: usize = 2;
 
 /// Values per vertex as means over the elements around.
-pub(crate) fn pooled(mesh: &DisplayMesh, noise: &[f32]) -> Vec<f32> {
-    let mut pooled = noise.to_vec();
-    for _ in 0..if noise.is_empty() { 0 } else { POOLING } {
-        let mut sums = vec![(0.0_f32, 0.0_f32); noise.len()];
+pub(crate) fn pooled(mesh: &DisplayMesh, values: &[f32]) -> Vec<f32> {
+    let mut pooled = values.to_vec();
+    for _ in 0..if values.is_empty() { 0 } else { POOLING } {
+        let mut sums = vec![(0.0_f32, 0.0_f32); values.len()];
         for element in &mesh.elements {
             let mean = element.vertices.iter().map(|&v| pooled[v as usize]).sum::<f32>() / 3.0;
             for &v in &element.vertices {
