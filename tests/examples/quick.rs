@@ -3,7 +3,8 @@
 //! `cargo run --profile fast -p catoptric-tests --example quick -- SCENE.glb OUT.exr [sketch|draft|standard|high] [layers]`
 //!
 //! Variables of the environment replace budgets of pass one: `BASE`, `ROWS`, `GATHER`, `VERT`, `TOL`, `BLUR`, `FLOOR`, `MAXV`, `SHADOW`,
-//! `NEAR`, `DETAIL`, `MAXD`, `DROUNDS`, `ROUNDS`, `SMOOTH`, `BEND`, `FITBEND`, `POINTS`, `FITP`, `FITR`, `LIGHT`, `CNOISE`, `CMAXV` and `SEED` (see [`SolveParams`]), `NOISE`, `EDGE` and `MOST` (see [`RenderParams`]).
+//! `NEAR`, `DETAIL`, `MAXD`, `DROUNDS`, `ROUNDS`, `SMOOTH`, `BEND`, `FITBEND`, `POINTS`, `FITP`, `FITR`, `LIGHT`, `CNOISE`, `CMAXV` and `SEED` (see [`SolveParams`]), `NOISE`, `EDGE` and `MOST` (see [`RenderParams`]);
+//! `SKY` is the radiance of a uniform sky, bluish.
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -11,7 +12,7 @@ use std::time::Instant;
 
 use catoptric_radiosity::{SolveParams, solve};
 use catoptric_render::{RenderParams, render};
-use catoptric_scene::{Progress, gltf};
+use catoptric_scene::{Progress, Radiance, Rgb, Scene, SceneParts, Sky, gltf};
 use catoptric_solution::Quality;
 use catoptric_trace::Tracer;
 
@@ -60,11 +61,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let start = Instant::now();
     let progress = Stopwatch(Mutex::new((start, processor_seconds(), "load".to_owned())));
     let loaded = gltf::load(Path::new(scene), &gltf::LoadOptions::default()).map_err(|e| e.to_string())?;
+    let scene = match value("SKY") {
+        Some(radiance) => {
+            let sky = Sky::Uniform(Radiance(Rgb::new(1.0, 1.0, 1.2) * radiance));
+            Scene::new(SceneParts { sky: Some(sky), ..loaded.scene.into_parts() })
+                .map_err(|_| "the sky is refused")?
+        }
+        None => loaded.scene,
+    };
     progress.begin("tree", 1);
-    let tracer = Tracer::new(&loaded.scene);
+    let tracer = Tracer::new(&scene);
     let solved = solve(&tracer, &budgets(quality), &progress).map_err(|_| "stopped")?;
 
-    let camera = loaded.scene.cameras().first().ok_or("the scene has no camera")?;
+    let camera = scene.cameras().first().ok_or("the scene has no camera")?;
     let width = std::env::var("WIDTH").ok().and_then(|v| v.parse().ok()).unwrap_or(256);
     let layers = rest.len() > 1;
     let view = RenderParams::for_quality(quality, width, camera.height_for_width(width));
@@ -82,8 +91,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 /// The budgets of a quality with what the environment replaces.
+/// A number of the environment.
+fn value(name: &str) -> Option<f32> {
+    std::env::var(name).ok()?.parse().ok()
+}
+
 fn budgets(quality: Quality) -> SolveParams {
-    let value = |name: &str| std::env::var(name).ok()?.parse::<f32>().ok();
     let mut params = SolveParams::for_quality(quality);
     let count = |name: &str, budget: &mut u32| *budget = value(name).map_or(*budget, |v| v as u32);
     let size = |name: &str, budget: &mut usize| *budget = value(name).map_or(*budget, |v| v as usize);

@@ -36,6 +36,8 @@ impl PathClass {
 pub enum Owner {
     /// Emitter cells with shadow rays.
     EmitterCells,
+    /// Cells of the sky with shadow rays.
+    SkyCells,
     /// Emitter cells through an image chain of the list.
     ImageChain,
     /// Light-side rays.
@@ -49,18 +51,27 @@ pub enum Owner {
 pub enum Source {
     /// A lamp, or a bright part of the sky: small in the view of most receivers.
     Concentrated,
-    /// A whole glowing wall, or the dim sky: hemisphere rays find it.
+    /// A whole glowing wall: hemisphere rays find it.
     Broad,
+    /// The dim sky.
+    Sky,
 }
 
 impl Lights<'_> {
     /// The owner of a path from `source` whose events are `chain`. Every path has exactly one.
     #[inline]
     pub fn owner(&self, source: Source, chain: &Chain) -> Owner {
-        if source == Source::Broad {
-            return Owner::Hemisphere;
+        match (source, PathClass::of(chain)) {
+            (Source::Broad, _) => Owner::Hemisphere,
+            (Source::Sky, PathClass::Direct) => Owner::SkyCells,
+            (Source::Sky, _) => Owner::Hemisphere,
+            (Source::Concentrated, class) => self.owner_of_lamps(class, chain),
         }
-        match PathClass::of(chain) {
+    }
+
+    #[inline]
+    fn owner_of_lamps(&self, class: PathClass, chain: &Chain) -> Owner {
+        match class {
             PathClass::Direct => Owner::EmitterCells,
             PathClass::Mirrored => match chain.planes() {
                 Some(planes) if self.chains().contains(planes) => Owner::ImageChain,
@@ -80,6 +91,6 @@ impl Lights<'_> {
     /// What the sky in a direction counts as.
     #[inline]
     pub fn sky_source(&self, sky: &Sky, direction: Vec3) -> Source {
-        if self.bright_sky().holds(sky, direction) { Source::Concentrated } else { Source::Broad }
+        if self.bright_sky().holds(sky, direction) { Source::Concentrated } else { Source::Sky }
     }
 }

@@ -20,6 +20,7 @@ use crate::contact::{Obstacles, Segment, gaps_at};
 use crate::cut::cuts;
 use crate::display::Displayed;
 use crate::face::{FaceDraft, faces};
+use crate::lattice::Lattice;
 use crate::media::find_media;
 use crate::triangulate::{FlatMesh, distinct, triangulate};
 use crate::union::Union;
@@ -111,13 +112,18 @@ pub(crate) fn edge(a: u32, b: u32) -> (u32, u32) {
 impl Draft {
     /// Cuts the diffuse sides of the scene into triangles with edges about `spacing` long, metres.
     pub fn new(tracer: &Tracer, spacing: f32) -> Self {
+        Self::on(tracer, faces(tracer), &Lattice::even(spacing))
+    }
+
+    /// Cuts faces into triangles of a lattice.
+    pub(crate) fn on(tracer: &Tracer, drafts: Vec<FaceDraft>, lattice: &Lattice) -> Self {
         let scene = tracer.scene();
-        let mut draft = Self { faces: faces(tracer), ..Self::default() };
+        let spacing = lattice.spacing;
+        let mut draft = Self::default();
         let (center, diagonal) = bounds_of(scene);
         let obstacles = Obstacles::new(scene, center, diagonal);
         let tolerance = obstacles.tolerance();
 
-        let drafts = std::mem::take(&mut draft.faces);
         let flats: Vec<Vec<[DVec2; 3]>> = drafts
             .par_iter()
             .map(|face| {
@@ -131,10 +137,11 @@ impl Draft {
         let flat_meshes: Vec<Option<(FlatMesh, Vec<f64>)>> = drafts
             .par_iter()
             .zip(flats.par_iter().zip(&contacts))
-            .map(|(face, (flat, contacts))| {
+            .enumerate()
+            .map(|(index, (face, (flat, contacts)))| {
                 let lines: Vec<Segment> = contacts.iter().map(|c| c.segment).collect();
                 (!face.curved).then(|| {
-                    let mesh = triangulate(flat, &lines, spacing_in_f64, tolerance);
+                    let mesh = triangulate(flat, &lines, f64::from(lattice.spacing_of(index)), tolerance);
                     let gaps = gaps_at(&mesh.points, contacts, tolerance);
                     (mesh, gaps)
                 })
@@ -171,8 +178,8 @@ impl Draft {
                 .edges()
                 .into_iter()
                 .filter(|&(a, b)| {
-                    let [p, q] = [a, b].map(|v| draft.vertices[v as usize].position);
-                    (q - p).length() > 1.6 * spacing
+                    let face = draft.vertices[a as usize].face.min(draft.vertices[b as usize].face);
+                    draft.length((a, b)) > 1.6 * lattice.spacing_of(face as usize)
                 })
                 .collect();
             if marks.is_empty() {

@@ -18,6 +18,7 @@ pub mod frames;
 pub mod gather;
 pub mod guide;
 mod hats;
+mod lattice;
 mod lineage;
 pub mod media;
 pub mod method;

@@ -12,6 +12,7 @@ use crate::detail::{Detail, Details};
 use crate::display::Displayed;
 use crate::draft::Draft;
 use crate::gather::{Surroundings, look_around};
+use crate::lattice::Lattice;
 
 /// How fine the mesh of the gathers is where surfaces are near to each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +34,11 @@ const AROUND: u32 = 32;
 const AROUND_FINE: u32 = 8;
 /// Edges below this multiple of the spacing belong to small things.
 const FINE: f32 = 0.25;
+
+/// Edges of open faces are split where they are longer than this multiple of that distance, …
+const OPEN_RATIO: f32 = 0.3;
+/// … and than this one of the spacing.
+const OPEN_SHORTEST: f32 = 1.5;
 
 /// What is seen within this multiple of the spacing is beside a vertex.
 const BESIDE: f32 = 0.25;
@@ -99,25 +105,40 @@ impl Near {
     /// then triangles that small things are near to, which no vertex of theirs may notice: a ball on a table.
     ///
     /// Returns the harmonic mean distance of what is seen from vertices, metres, NaN where none was asked for.
-    pub fn refine(
+    pub(crate) fn refine(
         &self,
         tracer: &Tracer,
         draft: &mut Draft,
         params: &NearParams,
-        spacing: f32,
+        lattice: &Lattice,
         seed: u32,
     ) -> Vec<f32> {
         let mut distances: Vec<f32> = self.around.iter().map(|a| a.distance).collect();
         let roots = draft.leaves.len();
-        for round in 0..params.rounds {
-            let shortest = spacing * 0.5_f32.powi(round as i32 + 1);
+        let spacing = lattice.spacing;
+        // Faces with larger triangles first.
+        let doublings = u32::from(lattice.most_doublings());
+        for round in 0..doublings + params.rounds {
+            let shortest = spacing * 2.0_f32.powi(doublings as i32 - round as i32 - 1);
+            let is_open = round < doublings;
+            let (ratio, shortest) = if is_open {
+                (OPEN_RATIO, shortest.max(OPEN_SHORTEST * spacing))
+            } else {
+                (params.ratio, shortest)
+            };
+            let edges: Vec<(u32, u32)> = draft
+                .edges()
+                .into_iter()
+                .filter(|&(a, b)| {
+                    let face = draft.vertices[a as usize].face.min(draft.vertices[b as usize].face);
+                    draft.length((a, b)) > shortest && (!is_open || lattice.is_open(face))
+                })
+                .collect();
             // Only the ends of edges that may be split are asked.
             let mut asked = vec![false; draft.vertices.len()];
-            for (a, b) in draft.edges() {
-                if draft.length((a, b)) > shortest {
-                    asked[a as usize] = true;
-                    asked[b as usize] = true;
-                }
+            for &(a, b) in &edges {
+                asked[a as usize] = true;
+                asked[b as usize] = true;
             }
             distances.resize(draft.vertices.len(), f32::NAN);
             distances.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(
@@ -128,16 +149,13 @@ impl Near {
                     }
                 },
             );
-            let marks: Vec<(u32, u32)> = draft
-                .edges()
+            let marks: Vec<(u32, u32)> = edges
                 .into_iter()
                 .filter(|&(a, b)| {
-                    let length = draft.length((a, b));
-                    length > shortest
-                        && length > params.ratio * distances[a as usize].min(distances[b as usize])
+                    draft.length((a, b)) > ratio * distances[a as usize].min(distances[b as usize])
                 })
                 .collect();
-            if marks.is_empty() {
+            if marks.is_empty() && !is_open {
                 break;
             }
             draft.split(tracer, &marks);
@@ -212,7 +230,7 @@ mod tests {
         let spacing = 0.7;
         let near = Near::new(&tracer, &draft, &draft.display(&tracer), spacing, 0);
         let params = NearParams { ratio: 1.5, rounds: 0, detail_rounds: 4, detail_share, max_details: 1000 };
-        near.refine(&tracer, &mut draft, &params, spacing, 0);
+        near.refine(&tracer, &mut draft, &params, &Lattice::even(spacing), 0);
         let foot = Vec3::new(0.21, 0.0, 0.13);
         draft
             .leaves

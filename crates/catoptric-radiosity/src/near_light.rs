@@ -36,6 +36,8 @@ pub struct NearLightParams {
     pub rounds: u32,
     /// Triangles that this may add for each base triangle, about.
     pub share: f32,
+    /// … and at most, at all.
+    pub max_triangles: usize,
 }
 
 /// Rays by which a vertex looks.
@@ -111,7 +113,8 @@ impl NearLight<'_> {
             light: self.irradiance[..draft.vertices.len()].iter().map(|e| e.max_element()).collect(),
             seen: Vec::new(),
         };
-        let limit = draft.leaves.len() + (params.share * draft.roots as f32) as usize;
+        let more = ((params.share * draft.roots as f32) as usize).min(params.max_triangles);
+        let limit = draft.leaves.len() + more;
         let mut changes = self.changes(near, draft, &known.light, params);
         let mut candidates = draft.edges();
         let mut active = draft.active_vertices();
@@ -275,6 +278,7 @@ mod tests {
     use catoptric_scene::{Material, Scene, SceneParts};
 
     use super::*;
+    use crate::lattice::Lattice;
     use crate::near::NearParams;
     use crate::solve::coarse_patches;
 
@@ -291,7 +295,7 @@ mod tests {
         let spacing = 0.55;
         let near = Near::new(&tracer, &draft, &draft.display(&tracer), spacing, 0);
         let none = NearParams { ratio: 1.0, rounds: 0, detail_rounds: 0, detail_share: 0.0, max_details: 0 };
-        let distances = near.refine(&tracer, &mut draft, &none, spacing, 0);
+        let distances = near.refine(&tracer, &mut draft, &none, &Lattice::even(spacing), 0);
         let mut finer = draft.clone();
         for _ in 0..4 {
             let edges = finer.edges();
@@ -311,8 +315,15 @@ mod tests {
             spacing,
             seed: 0,
         };
-        let params =
-            NearLightParams { tolerance: 0.1, floor: 0.03, ratio: 1.2, shortest: 0.1, rounds: 4, share: 1.0 };
+        let params = NearLightParams {
+            tolerance: 0.1,
+            floor: 0.03,
+            ratio: 1.2,
+            shortest: 0.1,
+            rounds: 4,
+            share: 1.0,
+            max_triangles: 1000,
+        };
         light.refine(&mut draft, &near, &distances, &params);
         let at_foot = |v: u32| {
             let p = draft.vertices[v as usize].position;

@@ -3,6 +3,8 @@
 use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::Tracer;
 
+use rustc_hash::FxHashMap;
+
 use crate::JOB;
 use crate::draft::Draft;
 use crate::sharing::Sharing;
@@ -32,15 +34,28 @@ pub struct RefineParams {
     pub short_edge: f32,
 }
 
+/// What is known when a vertex is evaluated.
+#[derive(Clone, Copy, Debug)]
+pub enum Known<'a> {
+    /// Nothing: a look that may help others, and itself.
+    Nothing,
+    /// Nothing, but it will be asked again when more is known, if it is not calm.
+    NotYet,
+    /// What was found at these vertices, of which it may be one.
+    At(&'a [u32]),
+}
+
 /// One quantity that is refined: its values at the draft's vertices, computed on demand.
 ///
 /// Where the field is `calm` around a place, a look at it may do, with fewer samples. Samples never decide their own
 /// number alone: those that missed what blocks a little of a lamp would be content.
 pub trait Field: Sync {
     /// Value at a vertex, and whether it is calm there.
-    fn evaluate(&self, draft: &Draft, vertex: u32, calm: bool) -> (Rgb, bool);
+    fn evaluate(&self, draft: &Draft, vertex: u32, known: Known, calm: bool) -> (Rgb, bool);
     /// Value in the middle of a leaf.
     fn evaluate_inside(&self, draft: &Draft, leaf: u32, calm: bool) -> Rgb;
+    /// Called when all vertices so far are evaluated: what was found at some may help at others.
+    fn settle(&self) {}
 }
 
 /// Values of all vertices made so far.
@@ -64,36 +79,65 @@ impl Values {
     ) -> Result<(), Cancelled> {
         use rayon::prelude::*;
         let first = self.values.len();
-        let look = |vertex: u32, calm: bool| {
+        let evaluate = |vertex: u32, known: Known, calm: bool| {
             let asked = self.sharing.is_asked(vertex) && !progress.is_cancelled();
-            if asked { field.evaluate(draft, vertex, calm) } else { (Rgb::ZERO, false) }
+            if asked { field.evaluate(draft, vertex, known, calm) } else { (Rgb::ZERO, false) }
         };
-        // Those of the base mesh have no parents to ask: a look at each, then another where it is not calm or beside that. A vertex
-        // that is not calm for one lamp has had no more than a look at another that its few samples agreed on.
-        let is_calm = |vertex: u32| match draft.vertices[vertex as usize].parents {
-            Some(parents) => parents.iter().all(|&v| self.calm.get(v as usize) == Some(&true)),
-            None => true,
-        };
-        let mut fresh: Vec<(Rgb, bool)> = (first as u32..draft.vertices.len() as u32)
-            .into_par_iter()
-            .with_min_len(16)
-            .with_max_len(JOB)
-            .map(|vertex| look(vertex, is_calm(vertex)))
-            .collect();
-        if first == 0 {
+        let parents = |vertex: u32| &draft.vertices[vertex as usize].parents;
+        let mut fresh: Vec<(Rgb, bool)> = vec![(Rgb::ZERO, false); draft.vertices.len() - first];
+        if first > 0 {
+            let is_calm = |v: &u32| self.calm.get(*v as usize) == Some(&true);
+            // Those that are halves of what is made now wait for their ends.
+            in_waves(
+                first,
+                draft.vertices.len(),
+                |v| parents(v).as_slice().as_flattened(),
+                |wave| {
+                    fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(
+                        |(index, found)| {
+                            if wave.contains(index) {
+                                let vertex = (first + index) as u32;
+                                let ends = parents(vertex).as_slice().as_flattened();
+                                *found = evaluate(vertex, Known::At(ends), ends.iter().all(is_calm));
+                            }
+                        },
+                    );
+                    field.settle();
+                },
+            );
+        } else {
+            // A look at each of the base mesh, then another where it is not calm or beside that. A vertex that is not calm for one
+            // lamp has had no more than a look at another that its few samples agreed on.
+            let beside = self.beside(draft);
+            fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(|(index, found)| {
+                let vertex = index as u32;
+                let is_root = parents(vertex).is_none();
+                let alone = is_root && beside.get(&vertex).is_none_or(|others| others.contains(&vertex));
+                let known = if alone { Known::Nothing } else { Known::NotYet };
+                *found = evaluate(vertex, known, is_root);
+            });
+            field.settle();
             let mut doubtful: Vec<bool> = fresh.iter().map(|found| !found.1).collect();
             for (a, b) in draft.edges() {
                 for (a, b) in [(a as usize, b as usize), (b as usize, a as usize)] {
                     doubtful[a] |= !fresh[b].1;
                 }
             }
-            fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(
-                |(vertex, found)| {
-                    if doubtful[vertex] {
-                        *found = look(vertex as u32, false);
-                    }
-                },
-            );
+            let known = |vertex: u32| match parents(vertex) {
+                Some(parents) => &parents[..],
+                None => beside.get(&vertex).map_or(&[][..], Vec::as_slice),
+            };
+            in_waves(0, draft.vertices.len(), known, |wave| {
+                fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(
+                    |(index, found)| {
+                        if wave.contains(index) && doubtful[index] {
+                            let vertex = index as u32;
+                            *found = evaluate(vertex, Known::At(known(vertex)), false);
+                        }
+                    },
+                );
+                field.settle();
+            });
         }
         if progress.is_cancelled() {
             return Err(Cancelled);
@@ -105,6 +149,32 @@ impl Values {
             self.fill();
         }
         Ok(())
+    }
+
+    /// The vertices by which each of the base mesh knows more: itself and its neighbours; of a fine mesh, those as near as vertices that
+    /// share, if there are such, none of which is beside another.
+    fn beside(&self, draft: &Draft) -> FxHashMap<u32, Vec<u32>> {
+        let is_alone = |v: u32| draft.vertices[v as usize].parents.is_none() && self.sharing.is_asked(v);
+        let mut edges = draft.edges();
+        edges.retain(|edge| is_alone(edge.0) && is_alone(edge.1));
+        // By their larger end: whether it waits is known when those before it are.
+        edges.sort_unstable_by_key(|&(a, b)| (b, a));
+        let mut near: FxHashMap<u32, Vec<u32>> = FxHashMap::default();
+        for &(a, b) in &edges {
+            if draft.length((a, b)) < self.sharing.cell() && !near.contains_key(&a) {
+                near.entry(b).or_default().push(a);
+            }
+        }
+        let mut beside: FxHashMap<u32, Vec<u32>> = FxHashMap::default();
+        for (a, b) in edges {
+            for (a, b) in [(a, b), (b, a)] {
+                if !near.contains_key(&a) && !near.contains_key(&b) {
+                    beside.entry(a).or_insert_with(|| vec![a]).push(b);
+                }
+            }
+        }
+        beside.extend(near);
+        beside
     }
 
     fn fill(&mut self) {
@@ -142,16 +212,51 @@ impl Values {
             .par_iter()
             .with_min_len(16)
             .with_max_len(JOB)
-            .map(|&v| if progress.is_cancelled() { Rgb::ZERO } else { field.evaluate(draft, v, false).0 })
+            .map(|&v| {
+                if progress.is_cancelled() {
+                    return Rgb::ZERO;
+                }
+                let leads: Vec<u32> = self.sharing.parts(v).iter().map(|part| part.0).collect();
+                field.evaluate(draft, v, Known::At(&leads), false).0
+            })
             .collect();
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
+        field.settle();
         for (&vertex, value) in doubtful.iter().zip(found) {
             self.values[vertex as usize] = value;
             self.sharing.ask(vertex);
         }
         Ok(())
+    }
+}
+
+/// Vertices that are evaluated together, by their number since the first that is new.
+struct Wave<'a> {
+    waves: &'a [u32],
+    number: u32,
+}
+
+impl Wave<'_> {
+    fn contains(&self, index: usize) -> bool {
+        self.waves[index] == self.number
+    }
+}
+
+/// Runs `work` on the new vertices, of `count` in all, in waves: each comes after those that `known` names for it, but for itself and
+/// what names it, too.
+fn in_waves<'a>(first: usize, count: usize, known: impl Fn(u32) -> &'a [u32], mut work: impl FnMut(&Wave)) {
+    let mut waves: Vec<u32> = Vec::with_capacity(count - first);
+    for vertex in first as u32..count as u32 {
+        let names_itself = known(vertex).contains(&vertex);
+        let after = |&v: &u32| {
+            (v as usize).checked_sub(first).and_then(|index| waves.get(index)).map_or(0, |wave| wave + 1)
+        };
+        waves.push(if names_itself { 0 } else { known(vertex).iter().map(after).max().unwrap_or(0) });
+    }
+    for number in 0..=waves.iter().copied().max().unwrap_or(0) {
+        work(&Wave { waves: &waves, number });
     }
 }
 
@@ -326,7 +431,7 @@ mod tests {
     struct Missed;
 
     impl Field for Missed {
-        fn evaluate(&self, draft: &Draft, vertex: u32, calm: bool) -> (Rgb, bool) {
+        fn evaluate(&self, draft: &Draft, vertex: u32, _: Known, calm: bool) -> (Rgb, bool) {
             let is_calm = draft.vertices[vertex as usize].position.x < 0.0;
             (if calm { Rgb::ZERO } else { Rgb::ONE }, is_calm)
         }

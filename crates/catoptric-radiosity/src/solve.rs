@@ -11,9 +11,11 @@ pub use crate::coarse::SolveError;
 use crate::coarse::{CoarseParams, CoarseSolution, MAX_FRAMES, rows_by, solve_coarse};
 use crate::display::Displayed;
 use crate::draft::Draft;
+use crate::face::faces;
 use crate::final_gather::{Coarse, Sight, final_gather};
 use crate::fit::FitParams;
 use crate::frames::Frames;
+use crate::lattice::{Lattice, spacing_for};
 use crate::method::ElementSet;
 use crate::near::{Near, NearParams};
 use crate::near_light::{NearLight, NearLightParams};
@@ -134,6 +136,7 @@ impl SolveParams {
                 shortest: 0.1,
                 rounds: near_light_rounds,
                 share: 0.7,
+                max_triangles: DETAILS_PER_TRIANGLE * base_triangles,
             },
             gather_fit: FitParams { prior: 0.45, smoothing: 0.01, balance: 1.0, ..FitParams::default() },
             solver: SolverParams::default(),
@@ -215,8 +218,11 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     // Cut the diffuse surfaces into triangles.
     progress.begin("mesh", 1);
     let base_triangles = lattice_budget(params.base_triangles, diffuse_triangles(tracer).count());
-    let spacing = spacing(tracer, base_triangles);
-    let (mut draft, patches) = coarse_patches(tracer, base_triangles);
+    let faces = faces(tracer);
+    let lattice = Lattice::new(tracer, &faces, base_triangles);
+    let spacing = lattice.spacing;
+    let mut draft = Draft::on(tracer, faces, &lattice);
+    let patches = PatchMesh::new(tracer, &draft, spacing);
     let base = draft.display(tracer);
     let of_element: Vec<PatchId> = base.roots.iter().map(|&r| patches.of_root[r as usize]).collect();
     report.patches = patches.len();
@@ -225,13 +231,13 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
 
     // Finer where other surfaces are near: that is the mesh of the gathers.
     let near = Near::new(tracer, &draft, &base, spacing, params.seed);
-    let distances = near.refine(tracer, &mut draft, &params.near, spacing, params.seed);
+    let distances = near.refine(tracer, &mut draft, &params.near, &lattice, params.seed);
     let mut mesh_of_gathers = draft.clone();
 
     // Light that sources send, refined where it varies.
     progress.begin("sources", params.sources.max_vertices as u64);
-    let field = SourceField::new(&lights, params);
     let base_vertices = draft.vertices.len();
+    let field = SourceField::new(&lights, params, base_vertices);
     let budget = SHARED_PER_TRIANGLE * params.base_triangles;
     let sharing = Sharing::new(tracer, &draft, spacing, SOURCE_CELL * spacing, budget, &[]);
     let mut values = Values { sharing, ..Values::default() };
@@ -243,19 +249,20 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         max_vertices: base_vertices + vertex_budget(params.sources.max_vertices, base_vertices),
         ..params.sources
     };
-    if lights.has_sources() || !tracer.scene().lights().is_empty() {
+    if lights.has_sources() || lights.has_skylight() || !tracer.scene().lights().is_empty() {
         split_glints(&lights, &base, &mut draft, params.seed, source_params.min_edge, base_vertices);
         refine(tracer, &mut draft, &field, &mut values, &source_params, progress)?;
     } else {
         values.values.resize(base_vertices, Rgb::ZERO);
     }
-    let (mut sources, asked) = field.collect(draft.vertices.len());
+    let (mut sources, asked, views) = field.collect(draft.vertices.len());
     values.sharing.fill(&mut sources, |parts| {
         parts.fold(SourceLight::default(), |sum, (light, weight)| SourceLight {
             direct: sum.direct + light.direct * weight,
             mirrored: sum.mirrored + light.mirrored * weight,
             punctual: sum.punctual + light.punctual * weight,
-            noise: [0, 1].map(|k| sum.noise[k] + light.noise[k] * weight * weight),
+            sky: sum.sky + light.sky * weight,
+            noise: [0, 1, 2].map(|k| sum.noise[k] + light.noise[k] * weight * weight),
             ..SourceLight::default()
         })
     });
@@ -267,7 +274,20 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     progress.begin("fit", displayed.mesh.elements.len() as u64);
     let samples: Vec<Rgb> = sources[..base_vertices].iter().map(SourceLight::sum).collect();
     let (fitted, caustic) = rayon::join(
-        || fit_sources(&lights, &draft, &displayed, &hidden, &asked, &mut sources, params, spacing, progress),
+        || {
+            fit_sources(
+                &lights,
+                &draft,
+                &displayed,
+                &hidden,
+                &asked,
+                &views,
+                &mut sources,
+                params,
+                (spacing, base_vertices),
+                progress,
+            )
+        },
         || {
             let base = mesh_of_gathers.display(tracer);
             let (walk, seed) = (params.walk, params.seed);
@@ -328,8 +348,8 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let frames = (params.coarse.every > 0).then(|| {
         let caustic = caustic.as_ref().map(|c| c.on(&draft));
         let light = |&v: &u32| {
-            let SourceLight { direct, mirrored, punctual, .. } = sources[v as usize];
-            [direct, mirrored, caustic.as_ref().map_or(Rgb::ZERO, |c| c[v as usize]), punctual]
+            let SourceLight { direct, mirrored, punctual, sky, .. } = sources[v as usize];
+            [direct + sky, mirrored, caustic.as_ref().map_or(Rgb::ZERO, |c| c[v as usize]), punctual]
         };
         let sources = displayed.origin.iter().map(light).collect();
         Frames::new(&displayed, &draft, &patches, sources, sent.clone(), frames)
@@ -346,7 +366,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
             patch_sources(&displayed, &patches, &values)
         };
         let light = [
-            of(&|v| sources[v].direct),
+            of(&|v| sources[v].direct + sources[v].sky),
             of(&|v| sources[v].mirrored),
             of(&|v| caustic.as_ref().map_or(Rgb::ZERO, |c| c[v])),
             indirect.clone(),
@@ -409,8 +429,7 @@ fn spacing(tracer: &Tracer, count: usize) -> f32 {
     let area: f64 = diffuse_triangles(tracer)
         .map(|t| f64::from(scene.area(t)) * if tracer.has_back(t) { 2.0 } else { 1.0 })
         .sum();
-    // A right triangle with legs h has the area h²/2.
-    ((2.0 * area / count.max(1) as f64).sqrt() as f32).max(f32::MIN_POSITIVE)
+    spacing_for(area, count.max(1) as f32)
 }
 
 /// The author's triangles that hold light.
@@ -479,6 +498,7 @@ fn assemble(
     for &v in &displayed.origin {
         let source = &sources[v as usize];
         let [direct, mirrored, caustic, indirect] = terms[v as usize];
+        let direct = source.sky + direct;
         solution.irradiance[Term::Direct.index()].push(source.direct + direct);
         solution.irradiance[Term::Mirrored.index()].push(source.mirrored + mirrored);
         solution.gathered[Term::Direct.index()].push(direct);

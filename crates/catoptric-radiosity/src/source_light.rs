@@ -1,13 +1,14 @@
 //! Light of the sources at the vertices of the display mesh: sampled where refinement asks, then fitted.
 
-use std::sync::Mutex;
+use std::sync::{Mutex, RwLock};
 
 use rayon::prelude::*;
 
-use catoptric_light::irradiance::{Samples, Scratch, SourceIrradiance};
+use catoptric_light::irradiance::{Samples, Scratch, SkyView, Skylight, SourceIrradiance};
 use catoptric_light::{Lights, Receiver};
 use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
+use glam::Vec3;
 
 use crate::JOB;
 use crate::allocation::HIDDEN_TRUST;
@@ -15,7 +16,7 @@ use crate::detail::{Detail, Details};
 use crate::display::Displayed;
 use crate::draft::{Draft, drawn_inside};
 use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit, variance_of_halves};
-use crate::refine::{Field, mean};
+use crate::refine::{Field, Known, mean};
 use crate::solve::SolveParams;
 
 /// Light of sources at a vertex.
@@ -24,12 +25,14 @@ pub(crate) struct SourceLight {
     pub(crate) direct: Rgb,
     pub(crate) mirrored: Rgb,
     pub(crate) punctual: Rgb,
+    /// The dim sky, straight.
+    pub(crate) sky: Rgb,
     /// No source is partly blocked, as far as the samples tell.
     pub(crate) calm: bool,
     /// Shadow rays that it took.
     pub(crate) rays: u32,
-    /// Variance of direct and of mirrored light, channels added, as far as one pair of halves tells.
-    pub(crate) noise: [f32; 2],
+    /// Variance of direct and of mirrored light and of the sky's, channels added, as far as the samples tell.
+    pub(crate) noise: [f32; 3],
 }
 
 impl SourceLight {
@@ -43,12 +46,13 @@ impl SourceLight {
             direct: (a.direct + b.direct) * 0.5,
             mirrored: (a.mirrored + b.mirrored) * 0.5,
             punctual: (a.punctual + b.punctual) * 0.5,
+            sky: (a.sky + b.sky) * 0.5,
             ..Self::default()
         }
     }
 
     fn area_sources(&self) -> Rgb {
-        self.direct + self.mirrored
+        self.direct + self.mirrored + self.sky
     }
 }
 
@@ -56,16 +60,33 @@ impl SourceLight {
 pub(crate) struct SourceField<'a> {
     lights: &'a Lights<'a>,
     params: &'a SolveParams,
+    sky_samples: u32,
+    /// Buffers that no thread uses just now.
+    scratch: Mutex<Vec<Scratch>>,
     found: Mutex<Vec<(u32, SourceLight)>>,
+    /// The sky from vertices since the last round.
+    fresh: Mutex<Vec<(u32, Skylight)>>,
+    /// … and from each vertex in the rounds before.
+    skies: RwLock<Vec<Option<Skylight>>>,
 }
 
 impl<'a> SourceField<'a> {
-    pub(crate) fn new(lights: &'a Lights<'a>, params: &'a SolveParams) -> Self {
-        Self { lights, params, found: Mutex::default() }
+    /// For a base mesh of so many vertices.
+    pub(crate) fn new(lights: &'a Lights<'a>, params: &'a SolveParams, vertices: usize) -> Self {
+        let sky_samples = sky_samples(params.shadow_rays, vertices);
+        Self {
+            lights,
+            params,
+            sky_samples,
+            scratch: Mutex::default(),
+            found: Mutex::default(),
+            fresh: Mutex::default(),
+            skies: RwLock::default(),
+        }
     }
 
     /// What was found, by vertex, of which there are `count`, and which vertices were asked for.
-    pub(crate) fn collect(&self, count: usize) -> (Vec<SourceLight>, Vec<bool>) {
+    pub(crate) fn collect(&self, count: usize) -> (Vec<SourceLight>, Vec<bool>, Vec<Option<SkyView>>) {
         let mut known = vec![SourceLight::default(); count];
         let mut asked = vec![false; count];
         if let Ok(mut found) = self.found.lock() {
@@ -74,23 +95,62 @@ impl<'a> SourceField<'a> {
                 asked[vertex as usize] = true;
             }
         }
-        (known, asked)
+        let mut views = vec![None; count];
+        if let Ok(skies) = self.skies.read() {
+            views.iter_mut().zip(&*skies).for_each(|(view, sky)| *view = sky.map(|sky| sky.view));
+        }
+        (known, asked, views)
+    }
+
+    /// What some vertices have seen of the sky, from a place with this normal.
+    fn seen_from(&self, normal: Vec3, vertices: &[u32]) -> Option<SkyView> {
+        let skies = self.skies.read().ok()?;
+        let view = |&v: &u32| Some(skies.get(v as usize)?.as_ref()?.view);
+        SkyView::beside(normal, vertices.iter().filter_map(view))
     }
 
     /// Light of the sources. Where the surroundings are calm few samples do, unless they see that it is not.
-    fn light(&self, receiver: &Receiver, calm: bool, key: Key) -> SourceLight {
-        let mut scratch = Scratch::default();
+    fn light(
+        &self,
+        receiver: &Receiver,
+        known: Known,
+        calm: bool,
+        key: Key,
+    ) -> (SourceLight, Option<Skylight>) {
+        let mut scratch = self.scratch.lock().ok().and_then(|mut all| all.pop()).unwrap_or_default();
+        scratch.rays = 0;
         let mut light = SourceLight { calm: true, ..SourceLight::default() };
         if self.lights.has_sources() {
             let found = area_sources(self.lights, receiver, self.params.shadow_rays, calm, key, &mut scratch);
             [light.direct, light.mirrored] = found.map(|f| f.irradiance);
-            light.noise = found.map(|f| variance_of_halves(f.split));
+            [light.noise[0], light.noise[1]] = found.map(|f| variance_of_halves(f.split));
             light.calm = found.iter().all(|f| f.even);
+        }
+        let mut sky = None;
+        if self.lights.has_skylight() {
+            let lamps = light.direct + light.mirrored;
+            let mut look = |samples, beside: Option<&SkyView>, key| {
+                self.lights.skylight(receiver, samples, lamps, beside, key, &mut scratch)
+            };
+            sky = match known {
+                Known::Nothing => Some(look(0, None, key.child(SKY + 1))),
+                Known::NotYet => None,
+                Known::At(vertices) => {
+                    let beside = self.seen_from(receiver.normal, vertices);
+                    Some(look(self.sky_samples, beside.as_ref(), key.child(SKY)))
+                }
+            };
+            light.sky = sky.map_or(Rgb::ZERO, |sky| sky.irradiance);
+            light.noise[2] = sky.map_or(0.0, |sky| sky.variance);
+            light.calm &= sky.is_some_and(|sky| sky.even);
         }
         let punctual = self.lights.punctual(receiver, &mut scratch);
         light.punctual = punctual.direct + punctual.mirrored;
         light.rays = scratch.rays as u32;
-        light
+        if let Ok(mut all) = self.scratch.lock() {
+            all.push(scratch);
+        }
+        (light, sky)
     }
 }
 
@@ -111,22 +171,48 @@ fn area_sources(
 }
 
 impl Field for SourceField<'_> {
-    fn evaluate(&self, draft: &Draft, vertex: u32, calm: bool) -> (Rgb, bool) {
+    fn evaluate(&self, draft: &Draft, vertex: u32, known: Known, calm: bool) -> (Rgb, bool) {
         let receiver = draft.receiver(self.lights.tracer(), vertex);
         let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
-        let light = self.light(&receiver, calm, key);
+        let (light, sky) = self.light(&receiver, known, calm, key);
+        if let (Some(sky), Ok(mut fresh)) = (sky, self.fresh.lock()) {
+            fresh.push((vertex, sky));
+        }
         if let Ok(mut found) = self.found.lock() {
             found.push((vertex, light));
         }
         (light.sum(), light.calm)
     }
 
+    fn settle(&self) {
+        if let (Ok(mut fresh), Ok(mut skies)) = (self.fresh.lock(), self.skies.write()) {
+            for (vertex, sky) in fresh.drain(..) {
+                let count = skies.len().max(vertex as usize + 1);
+                skies.resize(count, None);
+                skies[vertex as usize] = Some(sky);
+            }
+        }
+    }
+
     fn evaluate_inside(&self, draft: &Draft, leaf: u32, calm: bool) -> Rgb {
         let receiver = draft.receiver_in_leaf(self.lights.tracer(), leaf, [1.0 / 3.0; 3]);
         let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(leaf) | 1 << 44);
-        self.light(&receiver, calm, key).sum()
+        self.light(&receiver, Known::At(&draft.leaves[leaf as usize].vertices), calm, key).0.sum()
     }
 }
+
+/// Base vertices from which on each gets less of the samples for the sky, and the least share.
+const MANY_VERTICES: f32 = 50_000.0;
+const LEAST_SHARE: f32 = 0.25;
+
+/// Samples for the sky from each vertex.
+fn sky_samples(samples: u32, base_vertices: usize) -> u32 {
+    let share = (MANY_VERTICES / base_vertices.max(1) as f32).clamp(LEAST_SHARE, 1.0);
+    ((samples as f32 * share) as u32).max(1)
+}
+
+/// Tells the keys of skylight from those of other sources.
+const SKY: u32 = 1 << 30;
 
 /// Rounds in which the elements that hold a glint are halved: to a 64th of a base triangle.
 const GLINT_ROUNDS: u32 = 6;
@@ -171,12 +257,13 @@ pub(crate) fn fit_sources(
     displayed: &Displayed,
     hidden: &[bool],
     asked: &[bool],
+    views: &[Option<SkyView>],
     sources: &mut [SourceLight],
     params: &SolveParams,
-    spacing: f32,
+    (spacing, base_vertices): (f32, usize),
     progress: &dyn Progress,
 ) -> Result<(), Cancelled> {
-    if !lights.has_sources() {
+    if !lights.has_sources() && !lights.has_skylight() {
         return Ok(());
     }
     let tracer = lights.tracer();
@@ -226,7 +313,7 @@ pub(crate) fn fit_sources(
             FitSample { element, weights, area: share }
         }));
     }
-    let mut found: Vec<(Rgb, Rgb)> = samples
+    let mut found: Vec<[Rgb; 3]> = samples
         .par_iter()
         .zip(&calm)
         .enumerate()
@@ -234,42 +321,49 @@ pub(crate) fn fit_sources(
         .with_max_len(JOB)
         .map_init(Scratch::default, |scratch, (index, (sample, &calm))| {
             if progress.is_cancelled() {
-                return (Rgb::ZERO, Rgb::ZERO);
+                return [Rgb::ZERO; 3];
             }
             let receiver = draft.receiver_inside(tracer, displayed, sample.element, sample.weights);
             let key = Key::new(params.seed, Purpose::Emitter, index as u64 | 1 << 40);
             let [direct, mirrored] =
                 area_sources(lights, &receiver, params.fit_rays, calm, key, scratch).map(|f| f.irradiance);
-            (direct, mirrored)
+            let corners =
+                mesh.elements[sample.element as usize].vertices.map(|v| displayed.origin[v as usize]);
+            let beside = corners.iter().filter_map(|&v| views[v as usize]);
+            let beside = SkyView::beside(receiver.normal, beside);
+            let (known, key) = (direct + mirrored, key.child(SKY));
+            let samples = sky_samples(params.fit_rays, base_vertices);
+            let sky = lights.skylight(&receiver, samples, known, beside.as_ref(), key, scratch);
+            [direct, mirrored, sky.irradiance]
         })
         .collect();
     samples.extend(middles.iter().map(|m| m.0));
-    found.extend(middles.iter().map(|m| (sources[m.1 as usize].direct, sources[m.1 as usize].mirrored)));
+    let terms = |s: &SourceLight| [s.direct, s.mirrored, s.sky];
+    found.extend(middles.iter().map(|m| terms(&sources[m.1 as usize])));
     if progress.is_cancelled() {
         return Err(Cancelled);
     }
-    let direct: Vec<Rgb> = found.iter().map(|f| f.0).collect();
-    let mirrored: Vec<Rgb> = found.iter().map(|f| f.1).collect();
     let fit_params = FitParams { smoothing: params.fit.smoothing * spacing, ..params.fit };
     let trust: Vec<f32> =
         displayed.origin.iter().map(|&v| if hidden[v as usize] { HIDDEN_TRUST } else { 1.0 }).collect();
     let parts = FitMesh::new(mesh);
-    let fitted = |values: &[Rgb], term: fn(&SourceLight) -> Rgb, noise: fn(&SourceLight) -> f32| {
-        let prior: Vec<Rgb> = displayed.origin.iter().map(|&v| term(&sources[v as usize])).collect();
-        if prior.iter().chain(values).all(|v| *v == Rgb::ZERO) {
-            return prior;
-        }
-        let noise: Vec<f32> = displayed.origin.iter().map(|&v| noise(&sources[v as usize])).collect();
-        let term = FitTerm { values, prior: &prior };
-        fit(&parts, &samples, &[term], &trust, &noise, &fit_params).remove(0)
-    };
-    let (direct, mirrored) = rayon::join(
-        || fitted(&direct, |s| s.direct, |s| s.noise[0]),
-        || fitted(&mirrored, |s| s.mirrored, |s| s.noise[1]),
-    );
-    for ((&v, direct), mirrored) in displayed.origin.iter().zip(direct).zip(mirrored) {
+    let fitted: Vec<Vec<Rgb>> = (0..3_usize)
+        .into_par_iter()
+        .map(|term| {
+            let values: Vec<Rgb> = found.iter().map(|f| f[term]).collect();
+            let prior: Vec<Rgb> =
+                displayed.origin.iter().map(|&v| terms(&sources[v as usize])[term]).collect();
+            if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
+                return prior;
+            }
+            let noise: Vec<f32> = displayed.origin.iter().map(|&v| sources[v as usize].noise[term]).collect();
+            let term = FitTerm { values: &values, prior: &prior };
+            fit(&parts, &samples, &[term], &trust, &noise, &fit_params).remove(0)
+        })
+        .collect();
+    for (index, &v) in displayed.origin.iter().enumerate() {
         let source = &mut sources[v as usize];
-        (source.direct, source.mirrored) = (direct, mirrored);
+        [source.direct, source.mirrored, source.sky] = [0, 1, 2].map(|term: usize| fitted[term][index]);
     }
     Ok(())
 }

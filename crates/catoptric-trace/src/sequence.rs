@@ -208,6 +208,23 @@ pub fn concentric_disk(point: Vec2) -> Vec2 {
     Vec2::new(radius * cos, radius * sin)
 }
 
+/// The point that [`cosine_hemisphere`] maps to a unit direction above the plane.
+pub fn hemisphere_point(direction: Vec3) -> Vec2 {
+    let radius = direction.truncate().length();
+    let (x, y) = (direction.x, direction.y);
+    // Of its four triangles, the one that the disk's sector comes from.
+    let offset = if x.abs() > y.abs() {
+        let along = radius.copysign(x);
+        Vec2::new(along, along * libm::atanf(y / x) * (4.0 / PI))
+    } else if radius > 0.0 {
+        let along = radius.copysign(y);
+        Vec2::new(along * libm::atanf(x / y) * (4.0 / PI), along)
+    } else {
+        Vec2::ZERO
+    };
+    (offset + 1.0) * 0.5
+}
+
 /// A uniform direction on the unit sphere.
 #[inline]
 pub fn uniform_sphere(point: Vec2) -> Vec3 {

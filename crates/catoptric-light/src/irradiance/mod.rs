@@ -1,4 +1,4 @@
-//! Irradiance at a point by area emitters and the bright sky: straight, and over image chains.
+//! Irradiance at a point by area emitters and the sky: straight, and over image chains.
 //!
 //! Per emitter cell: Lambert's formula on the part above the horizon and inside the mirrors' windows. Where nothing is in the
 //! pyramid to it, that is the irradiance; where few triangles are, their shadows are cut out of it, exactly; where more are, the
@@ -7,11 +7,12 @@
 //! the integrand.
 //!
 //! The file `seen` holds what a receiver sees of the emitters, `way` what is in the way to a large one, `shadow` how much of its light
-//! arrives, `shared` that of many small ones.
+//! arrives, `shared` that of many small ones, `skylight` that of the dim sky.
 
 mod seen;
 mod shadow;
 mod shared;
+mod skylight;
 mod way;
 
 use glam::Vec3;
@@ -27,8 +28,11 @@ use crate::emitter::Emitters;
 use crate::receiver::Receiver;
 use crate::sky::BrightSky;
 
+pub use skylight::{SkyView, Skylight};
+
 use seen::{Found, Seeker};
 use shadow::{Budget, Tally, Target};
+use skylight::Cells;
 use way::Remainder;
 
 /// How sources are evaluated.
@@ -66,6 +70,7 @@ pub struct Scratch {
     fan: Vec<f64>,
     suspects: Suspects,
     remainder: Remainder,
+    sky: Cells,
     pub(crate) targets: Vec<Vec3>,
     /// Shadow rays cast (chains count one).
     pub rays: u64,
