@@ -87,10 +87,11 @@ pub(crate) struct Allocation {
 }
 
 impl Allocation {
-    /// For gathers whose rays deviate by so much, relative to all light, weighted by the area that they stand for.
+    /// For gathers whose rays deviate by so much, relative to all light, weighted by the area that they stand for. Those that look at
+    /// nothing but the sky, of which they need not ask, leave their rays to the others.
     pub(crate) fn new(deviations: impl Iterator<Item = (f32, f32)>) -> Self {
         let (mut sum, mut area) = (0.0_f64, 0.0_f64);
-        for (deviation, weight) in deviations {
+        for (deviation, weight) in deviations.filter(|d| d.0 > 0.0) {
             sum += f64::from(deviation) * f64::from(weight);
             area += f64::from(weight);
         }

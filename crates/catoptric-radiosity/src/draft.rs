@@ -76,6 +76,9 @@ pub struct Draft {
     pub medium_of_root: Vec<MediumId>,
     /// Corners of each base triangle.
     pub base: Vec<[u32; 3]>,
+    /// Larger triangles, of open faces, count as this much where light is averaged over surfaces, m²: a field must not decide
+    /// what is dark in the house.
+    pub(crate) most_weight: f32,
     midpoints: FxHashMap<(u32, u32), u32>,
     /// A face that holds an edge, on curved surfaces: its ends alone may belong to other triangles.
     curved_edges: FxHashMap<(u32, u32), u32>,
@@ -119,7 +122,7 @@ impl Draft {
     pub(crate) fn on(tracer: &Tracer, drafts: Vec<FaceDraft>, lattice: &Lattice) -> Self {
         let scene = tracer.scene();
         let spacing = lattice.spacing;
-        let mut draft = Self::default();
+        let mut draft = Self { most_weight: spacing * spacing, ..Self::default() };
         let (center, diagonal) = bounds_of(scene);
         let obstacles = Obstacles::new(scene, center, diagonal);
         let tolerance = obstacles.tolerance();
@@ -279,6 +282,11 @@ impl Draft {
     pub fn area(&self, leaf: &Leaf) -> f32 {
         let [a, b, c] = leaf.vertices.map(|v| self.vertices[v as usize].position);
         0.5 * (b - a).cross(c - a).length()
+    }
+
+    /// What a triangle counts where light is averaged, m².
+    pub(crate) fn weight(&self, leaf: &Leaf) -> f32 {
+        self.area(leaf).min(self.most_weight)
     }
 
     /// All edges of the leaves, ascending, each once.

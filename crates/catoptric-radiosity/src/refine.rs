@@ -397,7 +397,7 @@ fn test_inside(
         .collect()
 }
 
-/// Area-weighted mean of the largest channel.
+/// Area-weighted mean of the largest channel; large triangles count less.
 pub fn mean(draft: &Draft, values: &[Rgb]) -> f32 {
     use rayon::prelude::*;
     // Sums of pieces of one size: the same for any number of threads.
@@ -407,7 +407,7 @@ pub fn mean(draft: &Draft, values: &[Rgb]) -> f32 {
         .map(|leaves| {
             let (mut sum, mut area) = (0.0_f64, 0.0_f64);
             for leaf in leaves {
-                let a = f64::from(draft.area(leaf));
+                let a = f64::from(draft.weight(leaf));
                 let corners = leaf.vertices.iter().map(|&v| values[v as usize].max_element());
                 sum += a * f64::from(corners.sum::<f32>() / 3.0);
                 area += a;

@@ -276,7 +276,10 @@ impl<'a> Gathers<'a> {
             .map(|&i| i as usize)
             .zip(guides)
             .filter(|(i, _)| !self.hidden[origin[*i] as usize])
-            .map(|(i, guide)| (relative_deviation(guide, least[i] + floor), area[i]));
+            // A field of large triangles must not decide how many rays the house gets.
+            .map(|(i, guide)| {
+                (relative_deviation(guide, least[i] + floor), area[i].min(2.0 * self.draft.most_weight))
+            });
         Budget { allocation: Allocation::new(deviations), least, floor }
     }
 

@@ -74,12 +74,12 @@ impl Sight<'_> {
         self.of_gathers.iter().map(|&v| values[v as usize]).collect()
     }
 
-    /// Area-weighted mean of the sum of channels of irradiance per vertex of the display mesh.
+    /// Area-weighted mean of the sum of channels of irradiance per vertex of the display mesh; large triangles count less.
     fn mean(&self, irradiance: &[Rgb]) -> f32 {
         let mesh = &self.displayed.mesh;
         let (mut sum, mut area) = (0.0_f64, 0.0_f64);
         for (index, element) in mesh.elements.iter().enumerate() {
-            let own = f64::from(mesh.area(index as u32));
+            let own = f64::from(mesh.area(index as u32).min(self.draft.most_weight));
             let mean =
                 element.vertices.iter().map(|&v| irradiance[v as usize].element_sum()).sum::<f32>() / 3.0;
             sum += own * f64::from(mean);
