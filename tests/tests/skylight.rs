@@ -67,9 +67,9 @@ fn a_window_to_the_sky_is_as_good_as_a_lamp_in_it() {
     }
     assert!(pairs > 500, "{pairs}");
     let [direct, indirect] = sums;
-    // Lambert's formula has no noise. Of the sky 0.2/√32 is left uncertain at each vertex; the fit, in which those around have a
-    // say, does not add to it. All of them together are as good as the mean of some hundred.
-    assert!(direct[2] / direct[0] < 0.2 / 32_f64.sqrt(), "{direct:?}");
+    // Lambert's formula has no noise. Of the sky 0.4/√32 is left uncertain at each vertex, and the fit halves that by what those
+    // around say. All of them together are as good as the mean of some hundred.
+    assert!(direct[2] / direct[0] < 0.5 * 0.4 / 32_f64.sqrt(), "{direct:?}");
     assert!((direct[1] / direct[0] - 1.0).abs() < 0.005, "{direct:?}");
     // Both are gathers with noise of 1 to 2 % each.
     assert!(indirect[2] / indirect[0] < 0.04, "{indirect:?}");

@@ -1,4 +1,4 @@
-//! The sky as an emitter: bright texels are sources like lamps; the rest arrives by hemisphere rays.
+//! The sky as an emitter: bright texels are sources like lamps; the rest is skylight.
 
 use glam::Vec3;
 
@@ -24,7 +24,7 @@ pub struct BrightSky {
     is_bright: Vec<bool>,
 }
 
-/// A texel counts as bright above this multiple of the mean radiance: what hemisphere rays would see as noise.
+/// A texel counts as bright above this multiple of the mean radiance: what few rays would see as noise.
 const BRIGHT: f32 = 8.0;
 /// Bright texels at most: the strongest are taken.
 const MAX_BRIGHT: usize = 4096;

@@ -79,10 +79,10 @@ fn window_from(position: Vec3) -> f32 {
     (0.5 * (0..4).map(edge).sum::<f64>().abs()) as f32
 }
 
-/// Cells are quartered until 0.2/√32 of the light is left uncertain. The root of the mean square of 64 values is known to a
+/// Cells are quartered until 0.4/√32 of the light is left uncertain. The root of the mean square of 64 values is known to a
 /// sixteenth of itself times √2: three times that.
 fn uncertain() -> f32 {
-    0.2 / (SAMPLES as f32).sqrt() * 1.27
+    0.4 / (SAMPLES as f32).sqrt() * 1.27
 }
 
 #[test]

@@ -22,7 +22,7 @@ use crate::guide::Guide;
 /// Irradiance that hemisphere rays found, by the class of the path from its source.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Gathered {
-    /// The dim sky seen straight.
+    /// Broad emitters seen straight.
     pub direct: Rgb,
     /// Sources over planar mirrors that are on no list.
     pub mirrored: Rgb,

@@ -60,7 +60,7 @@ pub struct Solution {
     pub mesh: DisplayMesh,
     /// Irradiance per term and vertex. Coated surfaces: H_T.
     pub irradiance: [Vec<Rgb>; 4],
-    /// The part of the direct and the mirrored term that hemisphere rays own: dim sky, broad emitters, chains on no list.
+    /// The part of the direct and the mirrored term that no lamp sends: dim sky, broad emitters, chains on no list.
     /// Empty where there is none. What is left of the term is the light of sources, which pass two can evaluate itself.
     pub gathered: [Vec<Rgb>; 2],
     /// Irradiance by punctual lights, direct and mirrored, per vertex. For viewers: pass two shades it per pixel.

@@ -269,6 +269,18 @@ mod tests {
 
     /// Every elementary interval of a (0,2)-sequence in base 2 holds exactly one of 2^m consecutive points.
     #[test]
+    fn hemisphere_points_are_found_again() {
+        let key = Key::new(3, Purpose::Hemisphere, 0);
+        for index in 0..1000 {
+            let point = key.point2(index);
+            let found = hemisphere_point(cosine_hemisphere(point));
+            // Rounding of the angle, by a radius of 1 at most.
+            assert!(found.distance(point) < 1e-6, "{point} {found}");
+        }
+        assert_eq!(hemisphere_point(Vec3::Z), Vec2::splat(0.5));
+    }
+
+    #[test]
     fn each_elementary_interval_holds_exactly_one_point() {
         for entity in 0..20 {
             let key = Key::new(7, Purpose::Test, entity);

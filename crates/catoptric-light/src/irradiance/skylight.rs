@@ -131,7 +131,7 @@ const DIFFERENT: f32 = 0.25;
 /// Cells that see the sky below which all of them are quartered once: some of what is seen may be between all corners.
 const FEW: f32 = 8.0;
 /// What is left uncertain, times the root of the number of samples, relative to the light there.
-const UNCERTAIN: f32 = 0.2;
+const UNCERTAIN: f32 = 0.4;
 /// Variance of a ray into a cell whose corners differ by 1: the share of it that is seen may be anything.
 const VARIANCE: f32 = 1.0 / 6.0;
 
