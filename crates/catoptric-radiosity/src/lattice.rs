@@ -8,13 +8,14 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use catoptric_light::Receiver;
-use catoptric_scene::Barycentric;
+use catoptric_scene::{Barycentric, TriangleId};
 use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 
 use crate::JOB;
 use crate::face::FaceDraft;
 use crate::gather::{Surroundings, look_around};
+use crate::solve::diffuse_area;
 
 /// Edge lengths of the base mesh.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,7 +65,9 @@ impl Lattice {
             faces.iter().map(|face| face.triangles.iter().map(|&t| tracer.scene().area(t)).sum()).collect();
         let glances = glances(tracer, faces, &areas);
         let doublings = doublings(&glances, &areas);
-        let whole = fine_area(&areas, &doublings);
+        // Of the author's triangles, some sides are no faces: nothing gets there.
+        let of_faces = fine_area(&areas, &vec![0; areas.len()]).max(f64::MIN_POSITIVE);
+        let whole = diffuse_area(tracer) * fine_area(&areas, &doublings) / of_faces;
         let usual = spacing_for(whole, USUAL);
         let is_open = |glance: &&Glance| glance.around.distance > OPEN * usual;
         let weight = |glance: &Glance| glance.area * 0.25_f32.powi(doublings[glance.face].into());
@@ -118,12 +121,27 @@ fn glances(tracer: &Tracer, faces: &[FaceDraft], areas: &[f32]) -> Vec<Glance> {
     let scene = tracer.scene();
     let total: f64 = areas.iter().map(|area| f64::from(area.sqrt())).sum();
     let step = total / f64::from(POINTS);
-    let mut drawn: Vec<usize> = Vec::new();
+    // The same in every solve: which lattice a scene gets is no matter of chance.
+    let key_of = |index: usize| Key::new(0, Purpose::ElementPoint, index as u64 | 1 << 48);
+    let mut drawn: Vec<(usize, TriangleId)> = Vec::new();
     let (mut sum, mut next) = (0.0, 0.5 * step);
-    for (face, area) in areas.iter().enumerate() {
+    for (index, (face, area)) in faces.iter().zip(areas).enumerate() {
         sum += f64::from(area.sqrt());
-        while step > 0.0 && next < sum {
-            drawn.push(face);
+        if step <= 0.0 || next >= sum {
+            continue;
+        }
+        let ends: Vec<f32> = face
+            .triangles
+            .iter()
+            .scan(0.0, |end, &t| {
+                *end += scene.area(t);
+                Some(*end)
+            })
+            .collect();
+        while next < sum {
+            let place = key_of(drawn.len()).uniform(0) * area;
+            let triangle = ends.partition_point(|&end| end < place).min(ends.len() - 1);
+            drawn.push((index, face.triangles[triangle]));
             next += step;
         }
     }
@@ -132,19 +150,12 @@ fn glances(tracer: &Tracer, faces: &[FaceDraft], areas: &[f32]) -> Vec<Glance> {
         .enumerate()
         .with_min_len(16)
         .with_max_len(JOB)
-        .filter_map(|(index, &at)| {
-            let face = &faces[at];
-            // The same in every solve: which lattice a scene gets is no matter of chance.
-            let key = Key::new(0, Purpose::ElementPoint, index as u64 | 1 << 48);
-            let mut place = key.uniform(0) * areas[at];
-            let triangle = face.triangles.iter().copied().find(|&t| {
-                place -= scene.area(t);
-                place <= 0.0
-            })?;
+        .map(|(index, &(at, triangle))| {
+            let (face, key) = (&faces[at], key_of(index));
             let (u, v) = triangle_point(key.point2(1));
             let receiver = Receiver::on(tracer, triangle, face.side, Barycentric { u, v });
             let around = look_around(tracer, &receiver, RAYS, key.child(1), |_, _, _: Vec3| {});
-            Some(Glance { face: at, area: areas[at].sqrt() * step as f32, around })
+            Glance { face: at, area: areas[at].sqrt() * step as f32, around }
         })
         .collect()
 }

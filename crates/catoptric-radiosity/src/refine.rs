@@ -2,7 +2,6 @@
 
 use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::Tracer;
-
 use rustc_hash::FxHashMap;
 
 use crate::JOB;
@@ -54,7 +53,11 @@ pub trait Field: Sync {
     fn evaluate(&self, draft: &Draft, vertex: u32, known: Known, calm: bool) -> (Rgb, bool);
     /// Value in the middle of a leaf.
     fn evaluate_inside(&self, draft: &Draft, leaf: u32, calm: bool) -> Rgb;
-    /// Called when all vertices so far are evaluated: what was found at some may help at others.
+    /// Whether what is found at some vertices helps at others.
+    fn learns(&self) -> bool {
+        false
+    }
+    /// Called when all vertices so far are evaluated.
     fn settle(&self) {}
 }
 
@@ -91,7 +94,7 @@ impl Values {
             in_waves(
                 first,
                 draft.vertices.len(),
-                |v| parents(v).as_slice().as_flattened(),
+                |v| if field.learns() { parents(v).as_slice().as_flattened() } else { &[] },
                 |wave| {
                     fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(
                         |(index, found)| {
@@ -108,7 +111,7 @@ impl Values {
         } else {
             // A look at each of the base mesh, then another where it is not calm or beside that. A vertex that is not calm for one
             // lamp has had no more than a look at another that its few samples agreed on.
-            let beside = self.beside(draft);
+            let beside = if field.learns() { self.beside(draft) } else { FxHashMap::default() };
             fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(|(index, found)| {
                 let vertex = index as u32;
                 let is_root = parents(vertex).is_none();
@@ -124,8 +127,8 @@ impl Values {
                 }
             }
             let known = |vertex: u32| match parents(vertex) {
-                Some(parents) => &parents[..],
-                None => beside.get(&vertex).map_or(&[][..], Vec::as_slice),
+                Some(parents) if field.learns() => &parents[..],
+                _ => beside.get(&vertex).map_or(&[][..], Vec::as_slice),
             };
             in_waves(0, draft.vertices.len(), known, |wave| {
                 fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(
@@ -244,8 +247,8 @@ impl Wave<'_> {
     }
 }
 
-/// Runs `work` on the new vertices, of `count` in all, in waves: each comes after those that `known` names for it, but for itself and
-/// what names it, too.
+/// Runs `work` on the vertices from `first` on, of `count` in all, in waves: each comes after those that `known` names for it. Those that
+/// name themselves have been looked at already, and come first.
 fn in_waves<'a>(first: usize, count: usize, known: impl Fn(u32) -> &'a [u32], mut work: impl FnMut(&Wave)) {
     let mut waves: Vec<u32> = Vec::with_capacity(count - first);
     for vertex in first as u32..count as u32 {

@@ -136,7 +136,7 @@ impl SolveParams {
                 shortest: 0.1,
                 rounds: near_light_rounds,
                 share: 0.7,
-                max_triangles: DETAILS_PER_TRIANGLE * base_triangles,
+                max_triangles: NEAR_LIGHT_PER_TRIANGLE * base_triangles,
             },
             gather_fit: FitParams { prior: 0.45, smoothing: 0.01, balance: 1.0, ..FitParams::default() },
             solver: SolverParams::default(),
@@ -203,6 +203,8 @@ const GATHER_CELL: f32 = 0.125;
 const OWN_PER_TRIANGLE: usize = 40;
 /// Triangles that details may add, per triangle of the budget, at most.
 const DETAILS_PER_TRIANGLE: usize = 18;
+/// … and light on near surfaces.
+const NEAR_LIGHT_PER_TRIANGLE: usize = 40;
 /// Most vertices that shadows may add in large scenes, as a multiple of the budget.
 const MAX_BUDGETS: usize = 4;
 /// Groups that share, per base triangle of the budget, at most.
@@ -425,11 +427,13 @@ pub fn coarse_patches(tracer: &Tracer, count: usize) -> (Draft, PatchMesh) {
 
 /// Edge length for which the diffuse area gives about `count` triangles.
 fn spacing(tracer: &Tracer, count: usize) -> f32 {
-    let scene = tracer.scene();
-    let area: f64 = diffuse_triangles(tracer)
-        .map(|t| f64::from(scene.area(t)) * if tracer.has_back(t) { 2.0 } else { 1.0 })
-        .sum();
-    spacing_for(area, count.max(1) as f32)
+    spacing_for(diffuse_area(tracer), count.max(1) as f32)
+}
+
+/// Area of the author's triangles that hold light, on all their sides, m².
+pub(crate) fn diffuse_area(tracer: &Tracer) -> f64 {
+    let sides = |t| if tracer.has_back(t) { 2.0 } else { 1.0 };
+    diffuse_triangles(tracer).map(|t| f64::from(tracer.scene().area(t)) * sides(t)).sum()
 }
 
 /// The author's triangles that hold light.

@@ -184,6 +184,10 @@ impl Field for SourceField<'_> {
         (light.sum(), light.calm)
     }
 
+    fn learns(&self) -> bool {
+        self.lights.has_skylight()
+    }
+
     fn settle(&self) {
         if let (Ok(mut fresh), Ok(mut skies)) = (self.fresh.lock(), self.skies.write()) {
             for (vertex, sky) in fresh.drain(..) {
