@@ -90,12 +90,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// The budgets of a quality with what the environment replaces.
 /// A number of the environment.
 fn value(name: &str) -> Option<f32> {
     std::env::var(name).ok()?.parse().ok()
 }
 
+/// The budgets of a quality with what the environment replaces.
 fn budgets(quality: Quality) -> SolveParams {
     let mut params = SolveParams::for_quality(quality);
     let count = |name: &str, budget: &mut u32| *budget = value(name).map_or(*budget, |v| v as u32);

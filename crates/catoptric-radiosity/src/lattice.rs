@@ -66,7 +66,7 @@ impl Lattice {
         let glances = glances(tracer, faces, &areas);
         let doublings = doublings(&glances, &areas);
         // Of the author's triangles, some sides are no faces: nothing gets there.
-        let of_faces = fine_area(&areas, &vec![0; areas.len()]).max(f64::MIN_POSITIVE);
+        let of_faces = areas.iter().map(|&area| f64::from(area)).sum::<f64>().max(f64::MIN_POSITIVE);
         let whole = diffuse_area(tracer) * fine_area(&areas, &doublings) / of_faces;
         let usual = spacing_for(whole, USUAL);
         let is_open = |glance: &&Glance| glance.around.distance > OPEN * usual;

@@ -25,7 +25,7 @@ use crate::refine::{RefineParams, Values, mean, refine};
 use crate::rows::{PatchLocator, Row, rows};
 use crate::sharing::Sharing;
 use crate::solver::{SolverParams, Stop};
-use crate::source_light::{SourceField, SourceLight, fit_sources, split_glints};
+use crate::source_light::{SourceField, SourceLight, split_glints};
 
 /// Parameters of pass one.
 #[derive(Clone, Debug, PartialEq)]
@@ -257,7 +257,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     } else {
         values.values.resize(base_vertices, Rgb::ZERO);
     }
-    let (mut sources, asked, views) = field.collect(draft.vertices.len());
+    let (mut sources, asked) = field.collect(draft.vertices.len());
     values.sharing.fill(&mut sources, |parts| {
         parts.fold(SourceLight::default(), |sum, (light, weight)| SourceLight {
             direct: sum.direct + light.direct * weight,
@@ -276,20 +276,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     progress.begin("fit", displayed.mesh.elements.len() as u64);
     let samples: Vec<Rgb> = sources[..base_vertices].iter().map(SourceLight::sum).collect();
     let (fitted, caustic) = rayon::join(
-        || {
-            fit_sources(
-                &lights,
-                &draft,
-                &displayed,
-                &hidden,
-                &asked,
-                &views,
-                &mut sources,
-                params,
-                (spacing, base_vertices),
-                progress,
-            )
-        },
+        || field.fit(&draft, &displayed, &hidden, &asked, &mut sources, spacing, progress),
         || {
             let base = mesh_of_gathers.display(tracer);
             let (walk, seed) = (params.walk, params.seed);

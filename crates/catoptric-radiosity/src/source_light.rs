@@ -8,7 +8,6 @@ use catoptric_light::irradiance::{Samples, Scratch, SkyView, Skylight, SourceIrr
 use catoptric_light::{Lights, Receiver};
 use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
-use glam::Vec3;
 
 use crate::JOB;
 use crate::allocation::HIDDEN_TRUST;
@@ -60,7 +59,9 @@ impl SourceLight {
 pub(crate) struct SourceField<'a> {
     lights: &'a Lights<'a>,
     params: &'a SolveParams,
+    /// Samples for the sky at vertices, and inside elements.
     sky_samples: u32,
+    sky_fit_samples: u32,
     /// Buffers that no thread uses just now.
     scratch: Mutex<Vec<Scratch>>,
     found: Mutex<Vec<(u32, SourceLight)>>,
@@ -73,11 +74,13 @@ pub(crate) struct SourceField<'a> {
 impl<'a> SourceField<'a> {
     /// For a base mesh of so many vertices.
     pub(crate) fn new(lights: &'a Lights<'a>, params: &'a SolveParams, vertices: usize) -> Self {
-        let sky_samples = sky_samples(params.shadow_rays, vertices);
+        let [sky_samples, sky_fit_samples] =
+            [params.shadow_rays, params.fit_rays].map(|samples| sky_samples(samples, vertices));
         Self {
             lights,
             params,
             sky_samples,
+            sky_fit_samples,
             scratch: Mutex::default(),
             found: Mutex::default(),
             fresh: Mutex::default(),
@@ -86,7 +89,7 @@ impl<'a> SourceField<'a> {
     }
 
     /// What was found, by vertex, of which there are `count`, and which vertices were asked for.
-    pub(crate) fn collect(&self, count: usize) -> (Vec<SourceLight>, Vec<bool>, Vec<Option<SkyView>>) {
+    pub(crate) fn collect(&self, count: usize) -> (Vec<SourceLight>, Vec<bool>) {
         let mut known = vec![SourceLight::default(); count];
         let mut asked = vec![false; count];
         if let Ok(mut found) = self.found.lock() {
@@ -95,18 +98,24 @@ impl<'a> SourceField<'a> {
                 asked[vertex as usize] = true;
             }
         }
-        let mut views = vec![None; count];
-        if let Ok(skies) = self.skies.read() {
-            views.iter_mut().zip(&*skies).for_each(|(view, sky)| *view = sky.map(|sky| sky.view));
-        }
-        (known, asked, views)
+        (known, asked)
     }
 
-    /// What some vertices have seen of the sky, from a place with this normal.
-    fn seen_from(&self, normal: Vec3, vertices: &[u32]) -> Option<SkyView> {
-        let skies = self.skies.read().ok()?;
-        let view = |&v: &u32| Some(skies.get(v as usize)?.as_ref()?.view);
-        SkyView::beside(normal, vertices.iter().filter_map(view))
+    /// Skylight beside that of `lamps`; `around`: the vertices that are nearest.
+    fn skylight(
+        &self,
+        receiver: &Receiver,
+        samples: u32,
+        lamps: Rgb,
+        around: &[u32],
+        key: Key,
+        scratch: &mut Scratch,
+    ) -> Skylight {
+        let beside = self.skies.read().ok().and_then(|skies| {
+            let view = |&v: &u32| Some(skies.get(v as usize)?.as_ref()?.view);
+            SkyView::beside(receiver.normal, around.iter().filter_map(view))
+        });
+        self.lights.skylight(receiver, samples, lamps, beside.as_ref(), key, scratch)
     }
 
     /// Light of the sources. Where the surroundings are calm few samples do, unless they see that it is not.
@@ -129,15 +138,14 @@ impl<'a> SourceField<'a> {
         let mut sky = None;
         if self.lights.has_skylight() {
             let lamps = light.direct + light.mirrored;
-            let mut look = |samples, beside: Option<&SkyView>, key| {
-                self.lights.skylight(receiver, samples, lamps, beside, key, &mut scratch)
-            };
             sky = match known {
-                Known::Nothing => Some(look(0, None, key.child(SKY + 1))),
+                Known::Nothing => {
+                    Some(self.skylight(receiver, 0, lamps, &[], key.child(SKY + 1), &mut scratch))
+                }
                 Known::NotYet => None,
-                Known::At(vertices) => {
-                    let beside = self.seen_from(receiver.normal, vertices);
-                    Some(look(self.sky_samples, beside.as_ref(), key.child(SKY)))
+                Known::At(around) => {
+                    let key = key.child(SKY);
+                    Some(self.skylight(receiver, self.sky_samples, lamps, around, key, &mut scratch))
                 }
             };
             light.sky = sky.map_or(Rgb::ZERO, |sky| sky.irradiance);
@@ -254,120 +262,156 @@ const EVEN: f32 = 0.2;
 /// Refined elements get all points down to this share of the area of a base triangle.
 const FINE: f32 = 0.01;
 
-/// Replaces the point samples of direct and mirrored light by their least-squares fit.
-pub(crate) fn fit_sources(
-    lights: &Lights,
-    draft: &Draft,
-    displayed: &Displayed,
-    hidden: &[bool],
-    asked: &[bool],
-    views: &[Option<SkyView>],
-    sources: &mut [SourceLight],
-    params: &SolveParams,
-    (spacing, base_vertices): (f32, usize),
-    progress: &dyn Progress,
-) -> Result<(), Cancelled> {
-    if !lights.has_sources() && !lights.has_skylight() {
-        return Ok(());
-    }
-    let tracer = lights.tracer();
-    let mesh = &displayed.mesh;
-    // Small elements of finely tessellated surfaces share: as many points as their area is worth. Refined ones are small
-    // because light varies there: they get all, unless they are tiny.
-    let whole = 0.5 * spacing * spacing;
-    let level_of: Vec<u8> = displayed.leaves.iter().map(|&l| draft.leaves[l as usize].level).collect();
-    let sums: Vec<Rgb> = sources.iter().map(SourceLight::sum).collect();
-    let floor = (params.sources.floor * mean(draft, &sums)).max(f32::MIN_POSITIVE);
-    let mut samples: Vec<FitSample> = Vec::new();
-    // Whether all that is known around each of them is calm.
-    let mut calm: Vec<bool> = Vec::new();
-    // The middles of edges that refinement has looked at and left whole are samples already: with their three middles,
-    // elements know all quadratic light (the midpoint rule). Where light is uneven, points inside are asked besides.
-    let mut middles: Vec<(FitSample, u32)> = Vec::new();
-    for element in 0..mesh.elements.len() as u32 {
-        let corners = mesh.elements[element as usize].vertices.map(|v| displayed.origin[v as usize]);
-        let area = mesh.area(element);
-        let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(element));
-        let refined = level_of[element as usize] > 0;
-        let full = if refined { FINE * whole } else { whole };
-        let expected = params.fit_points as f32 * (area / full).min(1.0);
-        let count = (expected + key.uniform(0)).floor() as u32;
-        let first = middles.len();
-        let (mut least, mut most) = (Rgb::INFINITY, Rgb::ZERO);
-        let mut calm_around = corners.iter().all(|&v| sources[v as usize].calm);
-        for (k, &corner) in corners.iter().enumerate() {
-            let middle = draft.known_midpoint(corner, corners[(k + 1) % 3]).filter(|&m| asked[m as usize]);
-            for light in
-                [Some(corner), middle].into_iter().flatten().map(|v| sources[v as usize].area_sources())
-            {
-                (least, most) = (least.min(light), most.max(light));
-            }
-            let mut weights = [0.5; 3];
-            weights[(k + 2) % 3] = 0.0;
-            calm_around &= middle.is_none_or(|m| sources[m as usize].calm);
-            middles.extend(middle.map(|m| (FitSample { element, weights, area }, m)));
+/// Where light is sampled for the fit.
+struct FitPoints {
+    /// Points inside elements, …
+    inside: Vec<FitSample>,
+    /// … and whether all that is known around each of them is calm.
+    calm: Vec<bool>,
+    /// The middles of edges that refinement has looked at and left whole, and their vertices.
+    middles: Vec<(FitSample, u32)>,
+}
+
+impl SourceField<'_> {
+    /// Replaces the point samples of area sources and sky by their least-squares fit. `asked`: the vertices with a sample of their own.
+    pub(crate) fn fit(
+        &self,
+        draft: &Draft,
+        displayed: &Displayed,
+        hidden: &[bool],
+        asked: &[bool],
+        sources: &mut [SourceLight],
+        spacing: f32,
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
+        if !self.lights.has_sources() && !self.lights.has_skylight() {
+            return Ok(());
         }
-        let even = ((most - least) / (0.5 * (most + least) + Rgb::splat(floor))).max_element() < EVEN;
-        let count = if even && middles.len() == first + 3 { 0 } else { count };
-        let share = area / (count as usize + middles.len() - first).max(1) as f32;
-        middles[first..].iter_mut().for_each(|m| m.0.area = share);
-        calm.extend((0..count).map(|_| calm_around));
-        samples.extend((0..count).map(|index| {
-            let weights = drawn_inside(triangle_point(key.point2(index)));
-            FitSample { element, weights, area: share }
-        }));
+        let FitPoints { inside: mut samples, calm, middles } =
+            self.fit_points(draft, displayed, asked, sources, spacing);
+        let mut found = self.light_inside(draft, displayed, &samples, &calm, progress);
+        samples.extend(middles.iter().map(|m| m.0));
+        let terms = |s: &SourceLight| [s.direct, s.mirrored, s.sky];
+        found.extend(middles.iter().map(|m| terms(&sources[m.1 as usize])));
+        if progress.is_cancelled() {
+            return Err(Cancelled);
+        }
+        let params = FitParams { smoothing: self.params.fit.smoothing * spacing, ..self.params.fit };
+        let trust: Vec<f32> =
+            displayed.origin.iter().map(|&v| if hidden[v as usize] { HIDDEN_TRUST } else { 1.0 }).collect();
+        let parts = FitMesh::new(&displayed.mesh);
+        let fitted: Vec<Vec<Rgb>> = (0..3_usize)
+            .into_par_iter()
+            .map(|term| {
+                let values: Vec<Rgb> = found.iter().map(|f| f[term]).collect();
+                let prior: Vec<Rgb> =
+                    displayed.origin.iter().map(|&v| terms(&sources[v as usize])[term]).collect();
+                if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
+                    return prior;
+                }
+                let noise: Vec<f32> =
+                    displayed.origin.iter().map(|&v| sources[v as usize].noise[term]).collect();
+                let term = FitTerm { values: &values, prior: &prior };
+                fit(&parts, &samples, &[term], &trust, &noise, &params).remove(0)
+            })
+            .collect();
+        for (index, &v) in displayed.origin.iter().enumerate() {
+            let source = &mut sources[v as usize];
+            [source.direct, source.mirrored, source.sky] = [0, 1, 2].map(|term: usize| fitted[term][index]);
+        }
+        Ok(())
     }
-    let mut found: Vec<[Rgb; 3]> = samples
-        .par_iter()
-        .zip(&calm)
-        .enumerate()
-        .with_min_len(JOB)
-        .with_max_len(JOB)
-        .map_init(Scratch::default, |scratch, (index, (sample, &calm))| {
-            if progress.is_cancelled() {
-                return [Rgb::ZERO; 3];
+
+    /// Small elements of finely tessellated surfaces share: as many points as their area is worth. Refined ones are small because light
+    /// varies there: they get all, unless they are tiny.
+    ///
+    /// Middles of edges that refinement knows are samples already: with its three, an element knows all quadratic light (the midpoint
+    /// rule). Where light is uneven, points inside are asked besides.
+    fn fit_points(
+        &self,
+        draft: &Draft,
+        displayed: &Displayed,
+        asked: &[bool],
+        sources: &[SourceLight],
+        spacing: f32,
+    ) -> FitPoints {
+        let (params, mesh) = (self.params, &displayed.mesh);
+        let whole = 0.5 * spacing * spacing;
+        let sums: Vec<Rgb> = sources.iter().map(SourceLight::sum).collect();
+        let floor = (params.sources.floor * mean(draft, &sums)).max(f32::MIN_POSITIVE);
+        let mut points = FitPoints { inside: Vec::new(), calm: Vec::new(), middles: Vec::new() };
+        for element in 0..mesh.elements.len() as u32 {
+            let corners = mesh.elements[element as usize].vertices.map(|v| displayed.origin[v as usize]);
+            let area = mesh.area(element);
+            let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(element));
+            let is_refined = draft.leaves[displayed.leaves[element as usize] as usize].level > 0;
+            let full = if is_refined { FINE * whole } else { whole };
+            let expected = params.fit_points as f32 * (area / full).min(1.0);
+            let count = (expected + key.uniform(0)).floor() as u32;
+            let first = points.middles.len();
+            let (mut least, mut most) = (Rgb::INFINITY, Rgb::ZERO);
+            let mut calm_around = corners.iter().all(|&v| sources[v as usize].calm);
+            for (k, &corner) in corners.iter().enumerate() {
+                let middle =
+                    draft.known_midpoint(corner, corners[(k + 1) % 3]).filter(|&m| asked[m as usize]);
+                for v in [Some(corner), middle].into_iter().flatten() {
+                    let light = sources[v as usize].area_sources();
+                    (least, most) = (least.min(light), most.max(light));
+                }
+                let mut weights = [0.5; 3];
+                weights[(k + 2) % 3] = 0.0;
+                calm_around &= middle.is_none_or(|m| sources[m as usize].calm);
+                points.middles.extend(middle.map(|m| (FitSample { element, weights, area }, m)));
             }
-            let receiver = draft.receiver_inside(tracer, displayed, sample.element, sample.weights);
-            let key = Key::new(params.seed, Purpose::Emitter, index as u64 | 1 << 40);
-            let [direct, mirrored] =
-                area_sources(lights, &receiver, params.fit_rays, calm, key, scratch).map(|f| f.irradiance);
-            let corners =
-                mesh.elements[sample.element as usize].vertices.map(|v| displayed.origin[v as usize]);
-            let beside = corners.iter().filter_map(|&v| views[v as usize]);
-            let beside = SkyView::beside(receiver.normal, beside);
-            let (known, key) = (direct + mirrored, key.child(SKY));
-            let samples = sky_samples(params.fit_rays, base_vertices);
-            let sky = lights.skylight(&receiver, samples, known, beside.as_ref(), key, scratch);
-            [direct, mirrored, sky.irradiance]
-        })
-        .collect();
-    samples.extend(middles.iter().map(|m| m.0));
-    let terms = |s: &SourceLight| [s.direct, s.mirrored, s.sky];
-    found.extend(middles.iter().map(|m| terms(&sources[m.1 as usize])));
-    if progress.is_cancelled() {
-        return Err(Cancelled);
+            let even = ((most - least) / (0.5 * (most + least) + Rgb::splat(floor))).max_element() < EVEN;
+            let count = if even && points.middles.len() == first + 3 { 0 } else { count };
+            let share = area / (count as usize + points.middles.len() - first).max(1) as f32;
+            points.middles[first..].iter_mut().for_each(|m| m.0.area = share);
+            points.calm.extend((0..count).map(|_| calm_around));
+            points.inside.extend((0..count).map(|index| {
+                let weights = drawn_inside(triangle_point(key.point2(index)));
+                FitSample { element, weights, area: share }
+            }));
+        }
+        points
     }
-    let fit_params = FitParams { smoothing: params.fit.smoothing * spacing, ..params.fit };
-    let trust: Vec<f32> =
-        displayed.origin.iter().map(|&v| if hidden[v as usize] { HIDDEN_TRUST } else { 1.0 }).collect();
-    let parts = FitMesh::new(mesh);
-    let fitted: Vec<Vec<Rgb>> = (0..3_usize)
-        .into_par_iter()
-        .map(|term| {
-            let values: Vec<Rgb> = found.iter().map(|f| f[term]).collect();
-            let prior: Vec<Rgb> =
-                displayed.origin.iter().map(|&v| terms(&sources[v as usize])[term]).collect();
-            if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
-                return prior;
-            }
-            let noise: Vec<f32> = displayed.origin.iter().map(|&v| sources[v as usize].noise[term]).collect();
-            let term = FitTerm { values: &values, prior: &prior };
-            fit(&parts, &samples, &[term], &trust, &noise, &fit_params).remove(0)
-        })
-        .collect();
-    for (index, &v) in displayed.origin.iter().enumerate() {
-        let source = &mut sources[v as usize];
-        [source.direct, source.mirrored, source.sky] = [0, 1, 2].map(|term: usize| fitted[term][index]);
+
+    /// Direct and mirrored light of area sources, and skylight, at points inside elements.
+    fn light_inside(
+        &self,
+        draft: &Draft,
+        displayed: &Displayed,
+        points: &[FitSample],
+        calm: &[bool],
+        progress: &dyn Progress,
+    ) -> Vec<[Rgb; 3]> {
+        let count = self.params.fit_rays;
+        points
+            .par_iter()
+            .zip(calm)
+            .enumerate()
+            .with_min_len(JOB)
+            .with_max_len(JOB)
+            .map_init(Scratch::default, |scratch, (index, (point, &calm))| {
+                if progress.is_cancelled() {
+                    return [Rgb::ZERO; 3];
+                }
+                let lights = self.lights;
+                let receiver =
+                    draft.receiver_inside(lights.tracer(), displayed, point.element, point.weights);
+                let key = Key::new(self.params.seed, Purpose::Emitter, index as u64 | 1 << 40);
+                let [direct, mirrored] =
+                    area_sources(lights, &receiver, count, calm, key, scratch).map(|f| f.irradiance);
+                let sky = if lights.has_skylight() {
+                    let element = &displayed.mesh.elements[point.element as usize];
+                    let around = element.vertices.map(|v| displayed.origin[v as usize]);
+                    let (lamps, key) = (direct + mirrored, key.child(SKY));
+                    self.skylight(&receiver, self.sky_fit_samples, lamps, &around, key, scratch).irradiance
+                } else {
+                    Rgb::ZERO
+                };
+                [direct, mirrored, sky]
+            })
+            .collect()
     }
-    Ok(())
 }

@@ -30,6 +30,12 @@ pub struct Skylight {
     pub view: SkyView,
 }
 
+impl Skylight {
+    fn nothing(receiver: &Receiver) -> Self {
+        Self { irradiance: Rgb::ZERO, even: true, variance: 0.0, view: SkyView::new(receiver.normal) }
+    }
+}
+
 /// Cells along a side of the unit square by which it is kept where the sky is seen.
 const SIDE: u32 = 16;
 /// Those that are asked first, and by few samples.
@@ -52,8 +58,8 @@ impl SkyView {
         Self { normal, ..Self::default() }
     }
 
-    /// What rays into a square of cells met.
-    fn mark(&mut self, (x, y): (u32, u32), size: u32, seen: bool) {
+    /// What rays into a cell met, by the cells of this view.
+    fn mark(&mut self, Cell { x, y, size }: Cell, seen: bool) {
         let bits = (((1_u32 << size) - 1) << x) as u16;
         let rows = if seen { &mut self.seen } else { &mut self.blocked };
         for row in &mut rows[y as usize..(y + size) as usize] {
@@ -90,8 +96,8 @@ impl SkyView {
                         to[y as usize] |= (from[row as usize] >> column & 1) << x;
                     }
                 } else {
-                    turned.mark((x, y), 1, true);
-                    turned.mark((x, y), 1, false);
+                    turned.mark(Cell { x, y, size: 1 }, true);
+                    turned.mark(Cell { x, y, size: 1 }, false);
                 }
             }
         }
@@ -119,9 +125,12 @@ pub(super) struct Cells {
     corners: Vec<Rgb>,
     /// Finest cells along a side.
     finest: u32,
-    /// Those that are looked at: where they begin, in finest cells.
-    open: Vec<(u32, u32)>,
-    next: Vec<(u32, u32)>,
+    /// Those that are looked at, all of one size, …
+    open: Vec<Cell>,
+    /// … what arrives at their corners, …
+    looks: Vec<[Rgb; 4]>,
+    /// … and those that are quartered next.
+    next: Vec<Cell>,
 }
 
 /// Times that they are quartered, at most.
@@ -145,8 +154,8 @@ impl Lights<'_> {
         }
     }
 
-    /// Irradiance straight from the dim sky beside what is `known` to arrive, as exact as that by `samples` shadow rays, of which none is
-    /// a look that may help others; `beside`: what other receivers have seen of it.
+    /// Irradiance straight from the dim sky, about as exact as by `samples` shadow rays, or none if this is only a look that may help
+    /// others. `known`: what arrives besides, which makes errors less visible; `beside`: what other receivers have seen of the sky.
     pub fn skylight(
         &self,
         receiver: &Receiver,
@@ -156,49 +165,46 @@ impl Lights<'_> {
         key: Key,
         scratch: &mut Scratch,
     ) -> Skylight {
-        let nothing = Skylight {
-            irradiance: Rgb::ZERO,
-            even: true,
-            variance: 0.0,
-            view: SkyView::new(receiver.normal),
-        };
         let Some(sky) = self.tracer.scene().sky().filter(|_| self.has_skylight()) else {
-            return nothing;
+            return Skylight::nothing(receiver);
         };
-        let view = View::new(self, sky, receiver);
         let mut cells = std::mem::take(&mut scratch.sky);
-        let coarse = if (1..FEW_SAMPLES).contains(&samples) { COARSE_OF_FEW } else { COARSE };
+        let mut hemisphere = Hemisphere::new(self, sky, receiver, scratch);
+        let side = if (1..FEW_SAMPLES).contains(&samples) { COARSE_OF_FEW } else { COARSE };
+        let mut count = Count { key, drawn: 0, finest: side << LEVELS, found: Skylight::nothing(receiver) };
+        cells.begin(side, beside, &mut hemisphere, &mut count);
         // Finite, since nothing times it is nothing.
         let uncertain = (UNCERTAIN / (samples as f32).sqrt()).min(f32::MAX);
-        let found = cells.sum(&view, beside, (coarse, uncertain, known), key, nothing, scratch);
+        cells.quarter(u32::from(beside.is_some()), uncertain, known, &mut hemisphere, &mut count);
         scratch.sky = cells;
-        found
+        count.found
     }
 }
 
 /// The sky from a receiver.
-struct View<'a> {
+struct Hemisphere<'a> {
     lights: &'a Lights<'a>,
     sky: &'a Sky,
     receiver: &'a Receiver,
     axes: [Vec3; 2],
     /// What is left of its light behind the medium before the receiver.
     clear: Rgb,
+    scratch: &'a mut Scratch,
 }
 
-impl<'a> View<'a> {
-    fn new(lights: &'a Lights<'a>, sky: &'a Sky, receiver: &'a Receiver) -> Self {
+impl<'a> Hemisphere<'a> {
+    fn new(lights: &'a Lights<'a>, sky: &'a Sky, receiver: &'a Receiver, scratch: &'a mut Scratch) -> Self {
         let (tangent, bitangent) = frame(receiver.normal);
         let clear = if receiver.media == MediumStack::AIR {
             Rgb::ONE
         } else {
             lights.tracer.media().transmittance(receiver.media.current(), f32::INFINITY)
         };
-        Self { lights, sky, receiver, axes: [tangent, bitangent], clear }
+        Self { lights, sky, receiver, axes: [tangent, bitangent], clear, scratch }
     }
 
     /// Radiance that arrives from where a point of the unit square is mapped to.
-    fn radiance(&self, point: Vec2, scratch: &mut Scratch) -> Rgb {
+    fn radiance(&mut self, point: Vec2) -> Rgb {
         let receiver = self.receiver;
         let local = cosine_hemisphere(point);
         let direction = self.axes[0] * local.x + self.axes[1] * local.y + receiver.normal * local.z;
@@ -209,131 +215,165 @@ impl<'a> View<'a> {
         if radiance == Rgb::ZERO {
             return Rgb::ZERO;
         }
-        scratch.rays += 1;
+        self.scratch.rays += 1;
         radiance * self.lights.tracer.visibility_to_infinity(receiver.position, receiver.plane, direction)
     }
 }
 
-/// Where the quarters of a cell begin, each of `half` finest ones along a side.
-fn quarters((x, y): (u32, u32), half: u32) -> [(u32, u32); 4] {
-    [(x, y), (x + half, y), (x, y + half), (x + half, y + half)]
+/// A square of the finest cells.
+#[derive(Clone, Copy, Debug)]
+struct Cell {
+    /// Where it begins, …
+    x: u32,
+    y: u32,
+    /// … and how many are along its side.
+    size: u32,
+}
+
+impl Cell {
+    fn quarters(self) -> [Self; 4] {
+        let size = self.size / 2;
+        [(0, 0), (size, 0), (0, size), (size, size)].map(|(x, y)| Self { x: self.x + x, y: self.y + y, size })
+    }
+
+    /// In a grid that is coarser.
+    fn coarser(self, times: u32) -> Self {
+        Self { x: self.x / times, y: self.y / times, size: (self.size / times).max(1) }
+    }
+}
+
+/// What the rays inside cells have counted.
+struct Count {
+    key: Key,
+    drawn: u32,
+    /// Finest cells along a side.
+    finest: u32,
+    found: Skylight,
+}
+
+impl Count {
+    /// Share of the unit square.
+    fn area(&self, cell: Cell) -> f32 {
+        (cell.size as f32 / self.finest as f32).powi(2)
+    }
+
+    /// One ray somewhere inside a cell counts for all of it; whether it met the sky.
+    fn add(&mut self, cell: Cell, hemisphere: &mut Hemisphere) -> bool {
+        self.drawn += 1;
+        let at = Vec2::new(cell.x as f32, cell.y as f32) + self.key.point2(self.drawn) * cell.size as f32;
+        let radiance = hemisphere.radiance(at / self.finest as f32);
+        let is_seen = radiance != Rgb::ZERO;
+        self.found.irradiance += radiance * (self.area(cell) * PI);
+        self.mark(cell, is_seen);
+        is_seen
+    }
+
+    fn mark(&mut self, cell: Cell, is_seen: bool) {
+        self.found.view.mark(cell.coarser(self.finest / SIDE), is_seen);
+    }
 }
 
 impl Cells {
-    /// The sum over all cells, quartered until what is uncertain is less than a share of the light.
-    fn sum(
-        &mut self,
-        view: &View,
-        beside: Option<&SkyView>,
-        (side, uncertain, known): (u32, f32, Rgb),
-        key: Key,
-        nothing: Skylight,
-        scratch: &mut Scratch,
-    ) -> Skylight {
-        let finest = side << LEVELS;
-        self.finest = finest;
+    /// All cells, `side` along each side, are open, and quartered once where the border of what is seen may be, if others have looked;
+    /// the rest is counted.
+    fn begin(&mut self, side: u32, beside: Option<&SkyView>, hemisphere: &mut Hemisphere, count: &mut Count) {
+        self.finest = count.finest;
         self.corners.clear();
-        self.corners.resize(((finest + 1) * (finest + 1)) as usize, Rgb::NAN);
+        self.corners.resize(((self.finest + 1) * (self.finest + 1)) as usize, Rgb::NAN);
         self.open.clear();
-        let area_of = |size: u32| (size as f32 / finest as f32).powi(2);
-        let mut result = nothing;
-        let mut drawn = 0;
-        let mut inside = |(x, y): (u32, u32), size: u32, scratch: &mut Scratch| {
-            drawn += 1;
-            let at = Vec2::new(x as f32, y as f32) + key.point2(drawn) * size as f32;
-            view.radiance(at / finest as f32, scratch)
-        };
         let borders = beside.map(SkyView::borders);
-        let (coarse, wide) = (finest / side, SIDE / side);
-        for cell in 0..side * side {
-            let (column, row) = (cell % side, cell / side);
-            let (at, shown) = ((column * coarse, row * coarse), (column * wide, row * wide));
-            let is_border = borders.is_none_or(|borders| {
-                let bits = (1 << wide) - 1;
-                (shown.1..shown.1 + wide).any(|row| borders[row as usize] >> shown.0 & bits != 0)
-            });
-            if is_border && borders.is_some() {
-                self.open.extend(quarters(at, coarse / 2));
-            } else if is_border {
-                self.open.push(at);
-            } else {
-                let found = inside(at, coarse, scratch);
-                result.irradiance += found * (area_of(coarse) * PI);
-                result.view.mark(shown, wide, found != Rgb::ZERO);
+        let size = self.finest / side;
+        for index in 0..side * side {
+            let cell = Cell { x: index % side * size, y: index / side * size, size };
+            match borders.map(|borders| has_border(&borders, cell.coarser(self.finest / SIDE))) {
+                None => self.open.push(cell),
+                Some(true) => self.open.extend(cell.quarters()),
+                Some(false) => {
+                    count.add(cell, hemisphere);
+                }
             }
         }
-        let mut limit = 0.0;
+    }
+
+    /// Counts the open cells, quartered until what is uncertain is less than a share of the light. `level`: how often they are quartered
+    /// already.
+    fn quarter(
+        &mut self,
+        level: u32,
+        uncertain: f32,
+        known: Rgb,
+        hemisphere: &mut Hemisphere,
+        count: &mut Count,
+    ) {
         let mut brightest = 0.0_f32;
-        let first = u32::from(borders.is_some());
-        for level in first.. {
-            let size = coarse >> level;
-            let area = area_of(size);
-            let open = std::mem::take(&mut self.open);
+        let mut different = None;
+        for level in level.. {
             // The light by what is known of it now, and what it leaves open.
-            let (mut light, mut doubt) = (result.irradiance / PI, 0.0_f32);
-            for &at in &open {
-                let corners = self.corners_of(at, size, view, scratch);
+            let (mut light, mut doubt) = (count.found.irradiance / PI, 0.0_f32);
+            self.looks.clear();
+            for index in 0..self.open.len() {
+                let cell = self.open[index];
+                let corners = self.corners_of(cell, hemisphere);
                 brightest = corners.iter().fold(brightest, |most, corner| most.max(corner.max_element()));
-                light += corners.iter().copied().sum::<Rgb>() * (0.25 * area);
+                light += corners.iter().copied().sum::<Rgb>() * (0.25 * count.area(cell));
+                self.looks.push(corners);
             }
-            if level == first {
-                limit = DIFFERENT * light.max_element();
-            }
-            let few = level == 0 && borders.is_none() && light.max_element() <= FEW * area * brightest;
+            let different = *different.get_or_insert(DIFFERENT * light.max_element());
+            let least = self.open.first().map_or(0.0, |&cell| FEW * count.area(cell) * brightest);
+            let is_few = level == 0 && light.max_element() <= least;
             self.next.clear();
-            for &at in &open {
-                let corners = self.corners_of(at, size, view, scratch);
+            for (&cell, corners) in self.open.iter().zip(&self.looks) {
                 let most = corners.iter().copied().fold(Rgb::ZERO, Rgb::max);
-                let least = corners.iter().copied().fold(Rgb::INFINITY, Rgb::min);
-                let difference = most - least;
-                let differ = difference.max_element() > limit;
-                let shown = (at.0 * SIDE / finest, at.1 * SIDE / finest);
-                let wide = (size * SIDE / finest).max(1);
+                let difference = most - corners.iter().copied().fold(Rgb::INFINITY, Rgb::min);
+                let differ = difference.max_element() > different;
                 if most != Rgb::ZERO {
-                    result.view.mark(shown, wide, true);
+                    count.mark(cell, true);
                 }
                 if corners.contains(&Rgb::ZERO) {
-                    result.view.mark(shown, wide, false);
+                    count.mark(cell, false);
                 }
                 if differ {
-                    doubt += VARIANCE * (difference * area).element_sum().powi(2);
+                    doubt += VARIANCE * (difference * count.area(cell)).element_sum().powi(2);
                 }
-                if differ || few {
-                    self.next.push(at);
+                if differ || is_few {
+                    self.next.push(cell);
                 } else {
-                    let found = inside(at, size, scratch);
-                    result.view.mark(shown, wide, found != Rgb::ZERO);
-                    result.even &= few || (found == Rgb::ZERO) == (most == Rgb::ZERO);
-                    result.irradiance += found * (area * PI);
+                    let is_seen = count.add(cell, hemisphere);
+                    count.found.even &= is_seen == (most != Rgb::ZERO);
                 }
             }
-            self.open = open;
-            result.even &= self.next.is_empty() || few;
+            count.found.even &= self.next.is_empty() || is_few;
             let allowed = uncertain * (light + known / PI).element_sum();
-            if size == 1 || !few && doubt <= allowed * allowed {
-                for &at in &self.next {
-                    result.irradiance += inside(at, size, scratch) * (area * PI);
+            let is_finest = self.next.first().is_none_or(|cell| cell.size == 1);
+            if is_finest || !is_few && doubt <= allowed * allowed {
+                for &cell in &self.next {
+                    count.add(cell, hemisphere);
                 }
-                result.variance = doubt * PI * PI;
-                break;
+                count.found.variance = doubt * PI * PI;
+                return;
             }
             self.open.clear();
-            self.open.extend(self.next.iter().flat_map(|&at| quarters(at, size / 2)));
+            self.open.extend(self.next.iter().flat_map(|cell| cell.quarters()));
         }
-        result
     }
 
     /// Radiance at the corners of a cell.
-    fn corners_of(&mut self, (x, y): (u32, u32), size: u32, view: &View, scratch: &mut Scratch) -> [Rgb; 4] {
+    fn corners_of(&mut self, Cell { x, y, size }: Cell, hemisphere: &mut Hemisphere) -> [Rgb; 4] {
         [(x, y), (x + size, y), (x, y + size), (x + size, y + size)].map(|(x, y)| {
             let index = (y * (self.finest + 1) + x) as usize;
             if self.corners[index].is_nan() {
                 // At the rim nothing arrives from below the surface.
                 let at = Vec2::new(x as f32, y as f32) / self.finest as f32;
                 let rim = Vec2::splat(0.5 / self.finest as f32);
-                self.corners[index] = view.radiance(at.clamp(rim, 1.0 - rim), scratch);
+                self.corners[index] = hemisphere.radiance(at.clamp(rim, 1.0 - rim));
             }
             self.corners[index]
         })
     }
+}
+
+/// Whether the border may be in a cell.
+fn has_border(borders: &[u16; SIDE as usize], Cell { x, y, size }: Cell) -> bool {
+    let bits = (1 << size) - 1;
+    borders[y as usize..(y + size) as usize].iter().any(|row| row >> x & bits != 0)
 }
