@@ -91,7 +91,7 @@ pub fn faces(tracer: &Tracer) -> Vec<FaceDraft> {
         if !receives(tracer, id) {
             continue;
         }
-        if scene.surface_of(id).smooth {
+        if scene.is_smooth(id) {
             curved.push(id);
             continue;
         }
@@ -166,4 +166,30 @@ fn islands(tracer: &Tracer, members: Vec<TriangleId>) -> Vec<Vec<TriangleId>> {
         groups[part as usize].push(id);
     }
     groups
+}
+
+#[cfg(test)]
+mod tests {
+    use catoptric_scene::{Material, Rgb, Scene, SceneParts, SurfaceId};
+
+    use super::*;
+
+    /// A room and a ball as one mesh with normals: its walls are walls.
+    #[test]
+    fn walls_of_a_mesh_that_is_smooth_elsewhere_are_faces() {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        parts.add_box("room", white, Vec3::ZERO, Vec3::ONE, true);
+        parts.add_sphere("ball", white, Vec3::splat(0.5), 0.2, 6);
+        let count = parts.triangles.len() as u32;
+        parts.surfaces.truncate(1);
+        parts.surfaces[0].triangles = 0..count;
+        parts.triangles.iter_mut().for_each(|triangle| triangle.surface = SurfaceId(0));
+        let scene = Scene::new(parts).expect("a valid scene");
+        let faces = faces(&Tracer::new(&scene));
+        let (curved, flat): (Vec<&FaceDraft>, Vec<&FaceDraft>) = faces.iter().partition(|face| face.curved);
+        assert_eq!(flat.len(), 6);
+        assert!(flat.iter().all(|face| face.triangles.len() == 2));
+        assert_eq!(curved.len() as u32, count - 12);
+    }
 }

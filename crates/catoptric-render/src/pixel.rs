@@ -147,7 +147,7 @@ impl Eye<'_> {
                 }
                 Sight::Surface(arrival) => {
                     let surface = scene.triangles()[arrival.hit.triangle.index()].surface.0;
-                    let smooth = scene.surface_of(arrival.hit.triangle).smooth;
+                    let smooth = scene.is_smooth(arrival.hit.triangle);
                     let facet = if smooth {
                         1 << 31 | surface
                     } else {

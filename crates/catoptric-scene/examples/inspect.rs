@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::process::ExitCode;
 
+use catoptric_scene::TriangleId;
 use catoptric_scene::gltf::{LoadOptions, Loaded, load};
 
 fn main() -> ExitCode {
@@ -44,9 +45,9 @@ fn print_scene(file: &str, loaded: &Loaded) {
     );
     for surface in scene.surfaces() {
         let material = &scene.materials()[surface.material.index()].name;
-        let kind = if surface.smooth { "smooth" } else { "flat" };
+        let smooth = surface.triangles.clone().filter(|&t| scene.is_smooth(TriangleId(t))).count();
         println!(
-            "  surface {:?}: {} {kind} triangles of {material:?}",
+            "  surface {:?}: {} triangles of {material:?}, {smooth} of them smooth",
             surface.name,
             surface.triangles.len()
         );

@@ -45,11 +45,11 @@ impl SceneParts {
         }));
         let surface = SurfaceId(self.surfaces.len() as u32);
         let start = self.triangles.len() as u32;
-        self.triangles.extend(indices.iter().map(|t| Triangle { vertices: t.map(|i| i + base), surface }));
+        let triangle = |t: &[u32; 3]| Triangle { vertices: t.map(|i| i + base), surface, smooth };
+        self.triangles.extend(indices.iter().map(triangle));
         self.surfaces.push(Surface {
             name: name.to_owned(),
             material,
-            smooth,
             triangles: start..self.triangles.len() as u32,
         });
     }

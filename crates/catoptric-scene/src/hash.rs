@@ -54,11 +54,11 @@ impl Scene {
         for triangle in self.triangles() {
             triangle.vertices.iter().for_each(|&vertex| feed.word(vertex));
             feed.word(triangle.surface.0);
+            feed.flag(triangle.smooth);
         }
         feed.length(self.surfaces().len());
         for surface in self.surfaces() {
             feed.word(surface.material.0);
-            feed.flag(surface.smooth);
         }
         feed.length(self.materials().len());
         self.materials().iter().for_each(|material| feed.material(material));
@@ -250,13 +250,8 @@ mod tests {
         SceneParts {
             name: "scene".to_owned(),
             vertices: [Vec3::ZERO, Vec3::X, Vec3::Y].map(vertex).to_vec(),
-            triangles: vec![Triangle { vertices: [0, 1, 2], surface: SurfaceId(0) }],
-            surfaces: vec![Surface {
-                name: "surface".to_owned(),
-                material: MaterialId(0),
-                smooth: false,
-                triangles: 0..1,
-            }],
+            triangles: vec![Triangle { vertices: [0, 1, 2], surface: SurfaceId(0), smooth: false }],
+            surfaces: vec![Surface { name: "surface".to_owned(), material: MaterialId(0), triangles: 0..1 }],
             materials: vec![Material::lambertian("grey", Rgb::splat(0.5))],
             ..SceneParts::default()
         }
@@ -278,7 +273,7 @@ mod tests {
             |parts| parts.vertices[0].position.z = 1e-30,
             |parts| parts.vertices[0].uv[1].x = 1.0,
             |parts| parts.triangles[0].vertices = [1, 2, 0],
-            |parts| parts.surfaces[0].smooth = true,
+            |parts| parts.triangles[0].smooth = true,
             |parts| parts.materials[0].double_sided = true,
             |parts| parts.materials[0].emission = Radiance(Rgb::X),
             |parts| parts.materials[0].lobe = crate::Lobe::new(2.0).unwrap_or(crate::Lobe::DIFFUSE),

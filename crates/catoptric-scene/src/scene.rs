@@ -31,6 +31,8 @@ pub struct Triangle {
     pub vertices: [u32; 3],
     /// The surface it belongs to.
     pub surface: SurfaceId,
+    /// Its normal is interpolated between those of its corners; else it is the geometric one.
+    pub smooth: bool,
 }
 
 /// A named surface: one primitive of one glTF node.
@@ -40,8 +42,6 @@ pub struct Surface {
     pub name: String,
     /// Its material.
     pub material: MaterialId,
-    /// Interpolated normals differ from the geometric ones.
-    pub smooth: bool,
     /// First triangle and number of triangles: a surface's triangles are consecutive.
     pub triangles: std::ops::Range<u32>,
 }
@@ -253,6 +253,12 @@ impl Scene {
         self.areas[triangle.index()]
     }
 
+    /// Whether a triangle's normal is interpolated.
+    #[inline]
+    pub fn is_smooth(&self, triangle: TriangleId) -> bool {
+        self.parts.triangles[triangle.index()].smooth
+    }
+
     /// The surface a triangle belongs to.
     #[inline]
     pub fn surface_of(&self, triangle: TriangleId) -> &Surface {
@@ -282,11 +288,11 @@ impl Scene {
     /// mesh has smooth normals, geometric elsewhere. On the front side.
     #[inline]
     pub fn shading_normal(&self, triangle: TriangleId, at: Barycentric) -> Vec3 {
-        if !self.surface_of(triangle).smooth {
+        let Triangle { vertices, smooth, .. } = self.parts.triangles[triangle.index()];
+        if !smooth {
             return self.geometric_normals[triangle.index()];
         }
-        let [a, b, c] =
-            self.parts.triangles[triangle.index()].vertices.map(|v| self.parts.vertices[v as usize].normal);
+        let [a, b, c] = vertices.map(|v| self.parts.vertices[v as usize].normal);
         let normal = a * (1.0 - at.u - at.v) + b * at.u + c * at.v;
         normal.try_normalize().unwrap_or(self.geometric_normals[triangle.index()])
     }

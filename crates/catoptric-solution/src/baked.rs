@@ -300,7 +300,7 @@ fn append_ideal(
     let mut indices = Vec::with_capacity(3 * triangles.len());
     for &triangle in triangles {
         let flat = scene.geometric_normal(triangle);
-        let smooth = scene.surface_of(triangle).smooth;
+        let smooth = scene.is_smooth(triangle);
         for vertex in scene.triangles()[triangle.index()].vertices {
             let next = corners.len() as u32;
             let index = if smooth { *known.entry(vertex).or_insert(next) } else { next };

@@ -214,7 +214,7 @@ impl<'a> Tracer<'a> {
     #[inline]
     pub fn image_plane(&self, triangle: TriangleId) -> Option<PlaneId> {
         let plane = self.planes.of(triangle);
-        (self.has_images[plane.0 as usize] && !self.scene.surface_of(triangle).smooth).then_some(plane)
+        (self.has_images[plane.0 as usize] && !self.scene.is_smooth(triangle)).then_some(plane)
     }
 
     /// Whether a plane has images.
@@ -430,8 +430,7 @@ fn planes_with_images(scene: &Scene, planes: &Planes) -> Vec<bool> {
         let material = scene.material_of(triangle);
         let size = f64::from(scene.area(triangle));
         total += size;
-        let reflects =
-            material.may_be_specular() && !material.is_solid() && !scene.surface_of(triangle).smooth;
+        let reflects = material.may_be_specular() && !material.is_solid() && !scene.is_smooth(triangle);
         if reflects {
             area[planes.of(triangle).0 as usize] += size;
         }

@@ -40,10 +40,10 @@ pub(crate) fn estimate(scene: &Scene) -> Vec<Estimate> {
         .map(|(name, quality)| {
             let params = SolveParams::for_quality(quality);
             // Flat surfaces are cut to the budget, curved ones keep their triangles.
-            let curved = scene.surfaces().iter().filter(|surface| {
-                surface.smooth && scene.materials()[surface.material.index()].may_be_diffuse()
-            });
-            let curved: u64 = curved.map(|surface| surface.triangles.len() as u64).sum();
+            let is_curved = |t: &u32| {
+                scene.is_smooth(TriangleId(*t)) && scene.material_of(TriangleId(*t)).may_be_diffuse()
+            };
+            let curved = (0..scene.triangles().len() as u32).filter(is_curved).count() as u64;
             let patches = params.base_triangles as u64 + curved;
             let vertices = params.sources.max_vertices as u64 + curved;
             let rows = patches * u64::from(params.row_rays);

@@ -64,4 +64,9 @@ impl<'a> FitMesh<'a> {
         }
         Self { mesh, starts, vertices, place, elements, bends, jobs }
     }
+
+    /// The elements of each part.
+    pub(super) fn elements_of_parts(&self) -> impl Iterator<Item = &[u32]> {
+        self.starts.windows(2).map(|ends| &self.elements[ends[0][1] as usize..ends[1][1] as usize])
+    }
 }

@@ -1,5 +1,5 @@
 //! Makes the triangles fit for transport: no area, no triangle; one of several that coincide; normals on
-//! the front side; which surfaces are smooth.
+//! the front side; which of them are smooth.
 
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -7,7 +7,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use glam::{DVec3, Vec3};
 
 use crate::id::{MaterialId, SurfaceId};
-use crate::scene::SceneParts;
+use crate::scene::{SceneParts, Triangle, Vertex};
 
 use super::report::Report;
 
@@ -102,13 +102,22 @@ fn has_area([a, b, c]: [Vec3; 3]) -> bool {
     twice_area.is_finite() && ((0.5 * twice_area) as f32) > 0.0 && ((0.5 * twice_area) as f32).is_finite()
 }
 
-/// Completes normals, turns those that point against their faces, and finds out which surfaces are smooth.
+/// Difference between the normals of a flat triangle's corners, in a mesh that is smooth elsewhere: exporters give them from one
+/// face or from a plane of several, within their rounding. Those of curved meshes differ by as much as they do from the face's.
+const SAME_NORMAL: f64 = 1e-4;
+/// … and between them and the face's.
+const OWN_NORMAL: f64 = 1e-3;
+
+/// Completes normals, turns those that point against their faces, and finds out which triangles are smooth: those of a surface
+/// if some normal differs from its face's by more than both are known to, but for the flat ones among them, such as walls in a mesh
+/// of a whole building.
 pub(super) fn finish_normals(parts: &mut SceneParts, normal_precision: &[f32], report: &Report) {
-    for (surface, &precision) in parts.surfaces.iter_mut().zip(normal_precision) {
-        if !surface.smooth {
+    for (surface, &precision) in parts.surfaces.iter().zip(normal_precision) {
+        let range = surface.triangles.start as usize..surface.triangles.end as usize;
+        let triangles = &mut parts.triangles[range];
+        if !triangles.iter().any(|triangle| triangle.smooth) {
             continue;
         }
-        let triangles = &parts.triangles[surface.triangles.start as usize..surface.triangles.end as usize];
 
         // The vertices of a surface are consecutive: sum the faces' area vectors at each, and count on
         // which side of the faces its normal lies.
@@ -116,7 +125,7 @@ pub(super) fn finish_normals(parts: &mut SceneParts, normal_precision: &[f32], r
         let last = triangles.iter().flat_map(|t| t.vertices).max().unwrap_or(0) as usize;
         let mut faces = vec![DVec3::ZERO; last - first + 1];
         let mut sides = vec![(0_u32, 0_u32); last - first + 1];
-        for triangle in triangles {
+        for triangle in &*triangles {
             let [a, b, c] = triangle.vertices.map(|v| parts.vertices[v as usize].position.as_dvec3());
             let face = (b - a).cross(c - a);
             for vertex in triangle.vertices.map(|v| v as usize) {
@@ -145,19 +154,40 @@ pub(super) fn finish_normals(parts: &mut SceneParts, normal_precision: &[f32], r
             report.warn(format!("surface {:?}", surface.name), message);
         }
 
-        // Smooth: some normal differs from its face's by more than both are known to.
-        surface.smooth = triangles.iter().any(|triangle| {
-            let corners = triangle.vertices.map(|v| parts.vertices[v as usize]);
-            let [a, b, c] = corners.map(|corner| corner.position.as_dvec3());
-            let cross = (b - a).cross(c - a);
-            let face = cross.try_normalize().unwrap_or(DVec3::ZERO);
-            // Rounding moves a corner by at most 2⁻²⁴·|p| per axis, which tilts the face by that over its height.
-            let size = [a, b, c].into_iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
-            let longest = (b - a).length().max((c - a).length()).max((c - b).length());
-            let height = cross.length() / longest;
-            let tilt = 2.0 * 3.0_f64.sqrt() * size * f64::from(f32::EPSILON) / height;
-            let tolerance = f64::from(precision) + tilt;
-            corners.iter().any(|corner| face.cross(corner.normal.as_dvec3()).length() > tolerance)
-        });
+        let tilts: Vec<Tilt> = triangles.iter().map(|triangle| Tilt::of(&parts.vertices, triangle)).collect();
+        let is_smooth = tilts.iter().any(|tilt| tilt.from_face > f64::from(precision) + tilt.rounding);
+        for (triangle, tilt) in triangles.iter_mut().zip(tilts) {
+            let is_flat = tilt.apart <= SAME_NORMAL && tilt.from_face <= OWN_NORMAL + tilt.rounding;
+            triangle.smooth = is_smooth && !is_flat;
+        }
+    }
+}
+
+/// How far the normals of a triangle's corners are from one another, as sines.
+struct Tilt {
+    /// From the face's, at most.
+    from_face: f64,
+    /// From each other, at most.
+    apart: f64,
+    /// How much rounded corners may tilt the face.
+    rounding: f64,
+}
+
+impl Tilt {
+    fn of(vertices: &[Vertex], triangle: &Triangle) -> Self {
+        let corners = triangle.vertices.map(|v| vertices[v as usize]);
+        let [a, b, c] = corners.map(|corner| corner.position.as_dvec3());
+        let normals = corners.map(|corner| corner.normal.as_dvec3());
+        let cross = (b - a).cross(c - a);
+        let face = cross.try_normalize().unwrap_or(DVec3::ZERO);
+        // Rounding moves a corner by at most 2⁻²⁴·|p| per axis, which tilts the face by that over its height.
+        let size = [a, b, c].into_iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
+        let longest = (b - a).length().max((c - a).length()).max((c - b).length());
+        let height = cross.length() / longest;
+        Self {
+            from_face: normals.iter().map(|normal| face.cross(*normal).length()).fold(0.0, f64::max),
+            apart: (0..3).map(|k| (normals[k] - normals[(k + 1) % 3]).length()).fold(0.0, f64::max),
+            rounding: 2.0 * 3.0_f64.sqrt() * size * f64::from(f32::EPSILON) / height,
+        }
     }
 }

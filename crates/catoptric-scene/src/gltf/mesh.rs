@@ -329,19 +329,20 @@ impl<'a> MeshReader<'a> {
                     }
                 }
             }
+            let smooth = attributes.normal.is_some();
             // A mirroring transform turns the winding; fronts must stay fronts.
             let mirrored = attributes.skin.is_none() && DMat3::from_mat4(*world).determinant() < 0.0;
             for corner in corners {
                 let at = |index: u32| used.binary_search(&index).map_or(0, |at| (base + at) as u32);
                 let [a, b, c] = corner.map(at);
                 let vertices = if mirrored { [a, c, b] } else { [a, b, c] };
-                self.parts.triangles.push(Triangle { vertices, surface });
+                self.parts.triangles.push(Triangle { vertices, surface, smooth });
             }
         }
         losses.report(name, self.report);
         let triangles = first_triangle..self.parts.triangles.len() as u32;
         let name = self.unique_name(name);
-        self.parts.surfaces.push(Surface { name, material, smooth: attributes.normal.is_some(), triangles });
+        self.parts.surfaces.push(Surface { name, material, triangles });
         // Half a step of the coded normals, doubled.
         self.normal_precision.push(match attributes.normal.as_ref().map(|normal| normal.component) {
             Some(Component::I8 | Component::U8) => 1.5e-2,

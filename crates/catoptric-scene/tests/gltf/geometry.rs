@@ -55,7 +55,7 @@ fn a_mirroring_node_keeps_fronts_in_front_and_normals_on_their_side() {
     let node = builder.show("mirrored", json!({ "attributes": attributes, "indices": indices }));
     builder.json["nodes"][node]["scale"] = json!([-2.0, 1.0, 1.0]);
     let scene = builder.load().scene;
-    assert!(scene.surfaces()[0].smooth);
+    assert!(scene.is_smooth(TriangleId(0)));
     for triangle in [TriangleId(0), TriangleId(1)] {
         assert_eq!(scene.geometric_normal(triangle), Vec3::Z);
         let shading = scene.shading_normal(triangle, Barycentric { u: 0.3, v: 0.3 });
@@ -74,8 +74,35 @@ fn normals_that_only_round_differently_from_their_faces_leave_a_surface_flat() {
         let indices = builder.indices(&[0, 1, 2, 2, 1, 3]);
         let attributes = json!({ "POSITION": position, "NORMAL": normal });
         builder.show("plate", json!({ "attributes": attributes, "indices": indices }));
-        assert_eq!(builder.load().scene.surfaces()[0].smooth, smooth, "tilt {tilt}");
+        assert_eq!(builder.load().scene.is_smooth(TriangleId(0)), smooth, "tilt {tilt}");
     }
+}
+
+/// Walls in a mesh of a whole building are flat, however smooth its columns are; a curved mesh is smooth, however finely it is cut.
+#[test]
+fn triangles_of_a_smooth_mesh_whose_normals_are_their_own_are_flat() {
+    let mut builder = Builder::new();
+    let arc = |step: f32| [libm::sinf(step), 0.0, libm::cosf(step)];
+    // A flat square, and a strip of a barrel of radius 10 m, 2 mm wide: its normals differ from its own by a tenth of a milliradian.
+    let (left, right) = (arc(0.0), arc(2e-4));
+    let mut positions = SQUARE.to_vec();
+    let mut normals = [0.0, 0.0, 1.0].repeat(4);
+    for (normal, height) in [(left, 0.0), (left, 1.0), (right, 0.0), (right, 1.0)] {
+        positions.extend([10.0 * normal[0] + 3.0, height, 10.0 * normal[2]]);
+        normals.extend(normal);
+    }
+    // What makes the whole mesh smooth.
+    positions.extend([5.0, 0.0, 0.0, 6.0, 0.0, 0.0, 5.0, 1.0, 0.0]);
+    normals.extend([0.6, 0.0, 0.8].repeat(3));
+    let position = builder.floats(&positions, "VEC3");
+    let normal = builder.floats(&normals, "VEC3");
+    let indices = builder.indices(&[0, 1, 2, 2, 1, 3, 4, 6, 5, 6, 7, 5, 8, 9, 10]);
+    builder
+        .show("all", json!({ "attributes": { "POSITION": position, "NORMAL": normal }, "indices": indices }));
+    let scene = builder.load().scene;
+    let smooth: Vec<bool> = (0..5).map(|t| scene.is_smooth(TriangleId(t))).collect();
+    assert_eq!(smooth, [false, false, true, true, true]);
+    assert_eq!(scene.shading_normal(TriangleId(0), Barycentric { u: 0.2, v: 0.2 }), Vec3::Z);
 }
 
 #[test]
