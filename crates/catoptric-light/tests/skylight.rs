@@ -24,10 +24,16 @@ fn on_floor(tracer: &Tracer, x: f32, z: f32) -> Receiver {
     Receiver { position: Vec3::new(x, 0.0, z), ..receiver }
 }
 
-fn skylight(lights: &Lights, receiver: &Receiver, beside: Option<&SkyView>, seed: u32) -> (Skylight, u64) {
+fn skylight(
+    lights: &Lights,
+    receiver: &Receiver,
+    samples: u32,
+    beside: Option<&SkyView>,
+    seed: u32,
+) -> (Skylight, u64) {
     let mut scratch = Scratch::default();
     let key = Key::new(seed, Purpose::Emitter, 0);
-    (lights.skylight(receiver, SAMPLES, Rgb::ZERO, beside, key, &mut scratch), scratch.rays)
+    (lights.skylight(receiver, samples, Rgb::ZERO, beside, key, &mut scratch), scratch.rays)
 }
 
 #[test]
@@ -38,18 +44,27 @@ fn where_nothing_is_in_the_way_it_is_exact() {
     });
     let tracer = Tracer::new(&scene);
     let lights = Lights::new(&tracer, LightParams::default());
-    let (found, _) = skylight(&lights, &on_floor(&tracer, 0.3, -0.2), None, 1);
-    assert!(found.even && found.variance == 0.0, "{found:?}");
-    // Sums of 64 equal parts.
-    assert!((found.irradiance / RADIANCE - PI).abs().max_element() < 1e-5, "{}", found.irradiance);
+    for samples in [SAMPLES, 0] {
+        let (found, _) = skylight(&lights, &on_floor(&tracer, 0.3, -0.2), samples, None, 1);
+        assert!(found.even && found.variance == 0.0, "{found:?}");
+        // Sums of 64 equal parts, or of 256.
+        assert!((found.irradiance / RADIANCE - PI).abs().max_element() < 1e-5, "{}", found.irradiance);
+    }
 }
 
-/// Sides of the window in the wall x = −2.
-const LOW: (f32, f32) = (0.8, -0.6);
-const HIGH: (f32, f32) = (2.1, 0.7);
+/// A window in the wall x = −2: its low and high corner, (y, z).
+struct Window {
+    low: (f32, f32),
+    high: (f32, f32),
+}
 
-/// A closed room but for a window, and what stands in it.
-fn room_with_window(parts: &mut SceneParts) {
+const LARGE: Window = Window { low: (0.8, -0.6), high: (2.1, 0.7) };
+/// 6° to 12° above the floor at the other end of the room, a thousandth of the light there.
+const SMALL: Window = Window { low: (0.4, -0.2), high: (0.8, 0.6) };
+
+/// A closed room but for a window.
+fn room_with_window(parts: &mut SceneParts, window: &Window) {
+    let &Window { low, high } = window;
     let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
     let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
     parts.add_quad("floor", white, Vec3::new(-2.0, 0.0, 2.0), 4.0 * x, -4.0 * z);
@@ -57,19 +72,19 @@ fn room_with_window(parts: &mut SceneParts) {
     parts.add_quad("back", white, Vec3::new(-2.0, 0.0, -2.0), 4.0 * x, 2.5 * y);
     parts.add_quad("front", white, Vec3::new(2.0, 0.0, 2.0), -4.0 * x, 2.5 * y);
     parts.add_quad("right", white, Vec3::new(2.0, 0.0, -2.0), 4.0 * z, 2.5 * y);
-    let mut wall = |low: (f32, f32), high: (f32, f32)| {
-        let corner = Vec3::new(-2.0, low.0, low.1);
-        parts.add_quad("left", white, corner, (high.0 - low.0) * y, (high.1 - low.1) * z);
+    let mut wall = |from: (f32, f32), to: (f32, f32)| {
+        let corner = Vec3::new(-2.0, from.0, from.1);
+        parts.add_quad("left", white, corner, (to.0 - from.0) * y, (to.1 - from.1) * z);
     };
-    wall((0.0, -2.0), (2.5, LOW.1));
-    wall((0.0, HIGH.1), (2.5, 2.0));
-    wall((0.0, LOW.1), (LOW.0, HIGH.1));
-    wall((HIGH.0, LOW.1), (2.5, HIGH.1));
+    wall((0.0, -2.0), (2.5, low.1));
+    wall((0.0, high.1), (2.5, 2.0));
+    wall((0.0, low.1), (low.0, high.1));
+    wall((high.0, low.1), (2.5, high.1));
 }
 
-/// Lambert's formula for the window, by unit radiance.
-fn window_from(position: Vec3) -> f32 {
-    let corners = [(LOW.0, LOW.1), (LOW.0, HIGH.1), (HIGH.0, HIGH.1), (HIGH.0, LOW.1)]
+/// Lambert's formula for a window, by unit radiance.
+fn window_from(position: Vec3, &Window { low, high }: &Window) -> f32 {
+    let corners = [(low.0, low.1), (low.0, high.1), (high.0, high.1), (high.0, low.1)]
         .map(|(y, z)| Vec3::new(-2.0, y, z));
     let directions = corners.map(|c| (c - position).normalize_or_zero().as_dvec3());
     let edge = |k: usize| {
@@ -85,44 +100,72 @@ fn uncertain() -> f32 {
     0.4 / (SAMPLES as f32).sqrt() * 1.27
 }
 
-#[test]
-fn through_a_window_it_is_what_the_window_would_send() {
-    let scene = under_the_sky(room_with_window);
+/// Deviation and mean of the irradiance on the floor, relative to what the window sends, over seeds; the deviation that is told; rays.
+/// `others`: whether receivers an arm's length away have looked before.
+fn through_window(window: &Window, x: f32, others: bool) -> ([f64; 3], u64) {
+    let scene = under_the_sky(|parts| room_with_window(parts, window));
     let tracer = Tracer::new(&scene);
     let lights = Lights::new(&tracer, LightParams::default());
-    const SEEDS: u32 = 64;
-    let mut rays_of = [0; 2];
-    for at in [-1.5, -0.5, 0.5, 1.7] {
-        let receiver = on_floor(&tracer, at, 0.4);
-        let expected = window_from(receiver.position);
-        // What others see an arm's length away.
-        let views = [-0.3, 0.3].map(|offset| {
-            skylight(&lights, &on_floor(&tracer, (at + offset).max(-1.95), 0.4), None, 1000).0.view
+    let receiver = on_floor(&tracer, x, 0.4);
+    let expected = window_from(receiver.position, window);
+    let (mut sum, mut squares, mut foretold, mut rays) = (0.0, 0.0, 0.0, 0);
+    for seed in 0..SEEDS {
+        let views = AROUND.iter().zip(0..).map(|(&(dx, dz), index)| {
+            let beside = on_floor(&tracer, (x + dx).clamp(-1.95, 1.95), 0.4 + dz);
+            skylight(&lights, &beside, 0, None, 1000 + AROUND.len() as u32 * seed + index).0.view
         });
-        let beside = SkyView::beside(receiver.normal, views.into_iter());
-        for (way, beside) in [None, beside.as_ref()].into_iter().enumerate() {
-            let (mut sum, mut squares, mut foretold) = (0.0, 0.0, 0.0);
-            for seed in 0..SEEDS {
-                let (found, rays) = skylight(&lights, &receiver, beside, seed);
-                let value = f64::from(found.irradiance.x / expected);
-                assert!((found.irradiance / RADIANCE - found.irradiance.x).abs().max_element() < 1e-5);
-                sum += value;
-                squares += (value - 1.0).powi(2);
-                // Of all three channels together.
-                foretold += f64::from(found.variance / (6.0 * expected).powi(2));
-                rays_of[way] += rays;
-            }
-            let count = f64::from(SEEDS);
-            let (mean, deviation) = (sum / count, (squares / count).sqrt());
-            assert!(deviation < f64::from(uncertain()), "{at}, {way}: {deviation}");
-            assert!((mean - 1.0).abs() < 4.0 * deviation / count.sqrt(), "{at}, {way}: {mean} ± {deviation}");
+        let beside = SkyView::beside(receiver.normal, views).filter(|_| others);
+        let (found, own) = skylight(&lights, &receiver, SAMPLES, beside.as_ref(), seed);
+        let value = f64::from(found.irradiance.x / expected);
+        assert!((found.irradiance / RADIANCE - found.irradiance.x).abs().max_element() < 1e-5);
+        sum += value;
+        squares += (value - 1.0).powi(2);
+        // Of all three channels together.
+        foretold += f64::from(found.variance / (6.0 * expected).powi(2));
+        rays += own;
+    }
+    let count = f64::from(SEEDS);
+    ([(squares / count).sqrt(), sum / count, (foretold / count).sqrt()], rays)
+}
+
+const SEEDS: u32 = 64;
+
+/// The neighbours of a vertex in a mesh of squares cut in two, (x, z).
+const AROUND: [(f32, f32); 6] = [(-0.3, 0.0), (0.3, 0.0), (0.0, -0.3), (0.0, 0.3), (-0.3, -0.3), (0.3, 0.3)];
+
+#[test]
+fn through_a_window_it_is_what_the_window_would_send() {
+    let mut rays = [0; 2];
+    for x in [-1.5, -0.5, 0.5, 1.7] {
+        for others in [false, true] {
+            let ([deviation, mean, told], own) = through_window(&LARGE, x, others);
+            rays[usize::from(others)] += own;
+            assert!(deviation < f64::from(uncertain()), "{x}, {others}: {deviation}");
+            let error = deviation / f64::from(SEEDS).sqrt();
+            assert!((mean - 1.0).abs() < 4.0 * error, "{x}, {others}: {mean} ± {error}");
             // The variance that is told is an expectation over all borders: this one by a factor.
-            let told = (foretold / count).sqrt();
-            assert!(told < 3.0 * deviation && deviation < 3.0 * told, "{at}, {way}: {told} for {deviation}");
+            assert!(
+                told < 3.0 * deviation && deviation < 3.0 * told,
+                "{x}, {others}: {told} for {deviation}"
+            );
         }
     }
     // Most of both follow the border.
-    assert!(5 * rays_of[1] < 4 * rays_of[0], "{rays_of:?}");
+    assert!(5 * rays[1] < 4 * rays[0], "{rays:?}");
+}
+
+#[test]
+fn small_windows_are_found_by_what_others_saw() {
+    for x in [0.5, 1.2, 1.7] {
+        let (alone, among) = (through_window(&SMALL, x, false), through_window(&SMALL, x, true));
+        let ([deviation, mean, _], rays) = among;
+        // A window of n finest cells, a 4096th of the hemisphere each, has a border of 4√n of them, and a variance of 1/6 in each;
+        // known to within 1.27 as above.
+        let n = 4096.0 * f64::from(window_from(Vec3::new(x, 0.0, 0.4), &SMALL) / PI);
+        assert!(deviation < 1.27 * (4.0 * n.sqrt() / 6.0).sqrt() / n, "{x}: {deviation} of {n}");
+        assert!((mean - 1.0).abs() < 4.0 * deviation / f64::from(SEEDS).sqrt(), "{x}: {mean}");
+        assert!(2 * rays < alone.1, "{x}: {rays} of {}", alone.1);
+    }
 }
 
 /// A long wall of height h leaves (1 + cosθ)/2 of the sky at its foot, tanθ = h/d; this one ends 100 m away, by the square of that.
@@ -138,8 +181,9 @@ fn beside_a_wall_it_is_what_the_wall_leaves() {
     for distance in [0.2_f32, 1.0, 5.0] {
         let receiver = on_floor(&tracer, -1.0 + distance, 0.0);
         let expected = 0.5 * PI * (1.0 + distance / distance.hypot(2.0));
-        let found: Vec<f32> =
-            (0..64).map(|seed| skylight(&lights, &receiver, None, seed).0.irradiance.x / expected).collect();
+        let found: Vec<f32> = (0..64)
+            .map(|seed| skylight(&lights, &receiver, SAMPLES, None, seed).0.irradiance.x / expected)
+            .collect();
         let mean = found.iter().sum::<f32>() / 64.0;
         let deviation = (found.iter().map(|v| (v - 1.0).powi(2)).sum::<f32>() / 64.0).sqrt();
         assert!(deviation < uncertain(), "{distance}: {deviation}");
@@ -150,15 +194,15 @@ fn beside_a_wall_it_is_what_the_wall_leaves() {
 /// What a receiver has seen is the same for one that is turned the other way round, and known for one that leans.
 #[test]
 fn views_turn_with_the_receiver() {
-    let scene = under_the_sky(room_with_window);
+    let scene = under_the_sky(|parts| room_with_window(parts, &LARGE));
     let tracer = Tracer::new(&scene);
     let lights = Lights::new(&tracer, LightParams::default());
     let upright = on_floor(&tracer, -0.5, 0.0);
-    let (from_above, _) = skylight(&lights, &upright, None, 3);
+    let (from_above, _) = skylight(&lights, &upright, SAMPLES, None, 3);
     let leaning = Receiver { normal: Vec3::new(-0.5, 0.7, 0.1).normalize_or_zero(), ..upright };
     let beside = SkyView::beside(leaning.normal, std::iter::once(from_above.view));
     let values = |beside: Option<&SkyView>| -> Vec<f32> {
-        (0..64).map(|seed| skylight(&lights, &leaning, beside, seed).0.irradiance.x).collect()
+        (0..64).map(|seed| skylight(&lights, &leaning, SAMPLES, beside, seed).0.irradiance.x).collect()
     };
     let mean = |values: &[f32]| values.iter().sum::<f32>() / 64.0;
     let [alone, helped] = [None, beside.as_ref()].map(values);

@@ -58,6 +58,11 @@ impl SkyView {
         Self { normal, ..Self::default() }
     }
 
+    /// Cells that see the sky.
+    fn count(&self) -> u32 {
+        self.seen.iter().map(|row| row.count_ones()).sum()
+    }
+
     /// What rays into a cell met, by the cells of this view.
     fn mark(&mut self, Cell { x, y, size }: Cell, seen: bool) {
         let bits = (((1_u32 << size) - 1) << x) as u16;
@@ -104,6 +109,14 @@ impl SkyView {
         turned
     }
 
+    /// Whether a cell, of so many finest ones along a side, is no finer than those here, and others saw the sky in it and something else.
+    fn is_divided(&self, cell: Cell, finest: u32) -> bool {
+        let times = finest / SIDE;
+        cell.size >= times
+            && has_bits(&self.seen, cell.coarser(times))
+            && has_bits(&self.blocked, cell.coarser(times))
+    }
+
     /// Per cell: whether the border of the sky may be in it. Beside a receiver things are seen in slightly other directions.
     fn borders(&self) -> [u16; SIDE as usize] {
         let wide = |rows: &[u16; SIDE as usize]| -> [u16; SIDE as usize] {
@@ -139,11 +152,14 @@ const LEVELS: u32 = 3;
 const DIFFERENT: f32 = 0.25;
 /// Cells that see the sky below which all of them are quartered once: some of what is seen may be between all corners.
 const FEW: f32 = 8.0;
+/// Cells of a view which see the sky, at most, where that is little.
+const LITTLE: u32 = 32;
+/// … and where it is next to nothing.
+const LEAST: u32 = 2;
 /// What is left uncertain, times the root of the number of samples, relative to the light there.
 const UNCERTAIN: f32 = 0.4;
 /// Variance of a ray into a cell whose corners differ by 1: the share of it that is seen may be anything.
 const VARIANCE: f32 = 1.0 / 6.0;
-
 impl Lights<'_> {
     /// Whether some of the sky is no source like a lamp.
     pub fn has_skylight(&self) -> bool {
@@ -168,14 +184,15 @@ impl Lights<'_> {
         let Some(sky) = self.tracer.scene().sky().filter(|_| self.has_skylight()) else {
             return Skylight::nothing(receiver);
         };
+        if samples == 0 {
+            return Hemisphere::new(self, sky, receiver, scratch).look(key);
+        }
         let mut cells = std::mem::take(&mut scratch.sky);
         let mut hemisphere = Hemisphere::new(self, sky, receiver, scratch);
-        let side = if (1..FEW_SAMPLES).contains(&samples) { COARSE_OF_FEW } else { COARSE };
+        let side = if samples < FEW_SAMPLES { COARSE_OF_FEW } else { COARSE };
         let mut count = Count { key, drawn: 0, finest: side << LEVELS, found: Skylight::nothing(receiver) };
         cells.begin(side, beside, &mut hemisphere, &mut count);
-        // Finite, since nothing times it is nothing.
-        let uncertain = (UNCERTAIN / (samples as f32).sqrt()).min(f32::MAX);
-        cells.quarter(u32::from(beside.is_some()), uncertain, known, &mut hemisphere, &mut count);
+        cells.quarter(beside, UNCERTAIN / (samples as f32).sqrt(), known, &mut hemisphere, &mut count);
         scratch.sky = cells;
         count.found
     }
@@ -203,20 +220,58 @@ impl<'a> Hemisphere<'a> {
         Self { lights, sky, receiver, axes: [tangent, bitangent], clear, scratch }
     }
 
-    /// Radiance that arrives from where a point of the unit square is mapped to.
-    fn radiance(&mut self, point: Vec2) -> Rgb {
+    /// Where a point of the unit square is mapped to, and what arrives from there if nothing is in between.
+    fn open(&self, point: Vec2) -> (Vec3, Rgb) {
         let receiver = self.receiver;
         let local = cosine_hemisphere(point);
         let direction = self.axes[0] * local.x + self.axes[1] * local.y + receiver.normal * local.z;
         if direction.dot(receiver.geometric) <= 0.0 || self.lights.bright.holds(self.sky, direction) {
-            return Rgb::ZERO;
+            return (direction, Rgb::ZERO);
         }
-        let radiance = self.sky.radiance(direction).0 * self.clear * receiver.coat.transmittance(local.z);
+        let radiance = self.sky.radiance(direction).0;
+        (direction, radiance * self.clear * receiver.coat.transmittance(local.z))
+    }
+
+    /// Radiance that arrives from there.
+    fn radiance(&mut self, point: Vec2) -> Rgb {
+        let (direction, radiance) = self.open(point);
         if radiance == Rgb::ZERO {
             return Rgb::ZERO;
         }
         self.scratch.rays += 1;
-        radiance * self.lights.tracer.visibility_to_infinity(receiver.position, receiver.plane, direction)
+        let Receiver { position, plane, .. } = *self.receiver;
+        radiance * self.lights.tracer.visibility_to_infinity(position, plane, direction)
+    }
+
+    /// A ray into each cell of a view, somewhere: between the corners of larger ones, small windows may hide. Where little is seen, more
+    /// rays around that tell how far it reaches.
+    fn look(&mut self, key: Key) -> Skylight {
+        let mut found = Skylight::nothing(self.receiver);
+        let cells = (0..SIDE * SIDE).map(|index| Cell { x: index % SIDE * 2, y: index / SIDE * 2, size: 2 });
+        for (cell, index) in cells.clone().zip(0..) {
+            found.irradiance +=
+                self.look_into(cell, key.point2(index), &mut found.view) / (SIDE * SIDE) as f32;
+        }
+        found.irradiance *= PI;
+        let seen = found.view.count();
+        if seen <= LITTLE {
+            // All quarters where next to nothing is seen, and else those around what is.
+            let borders = if seen <= LEAST { [u16::MAX; SIDE as usize] } else { found.view.borders() };
+            let around = cells.filter(|cell| has_bits(&borders, cell.coarser(2)));
+            for (cell, index) in around.flat_map(Cell::quarters).zip(SIDE * SIDE..) {
+                self.look_into(cell, key.point2(index), &mut found.view);
+            }
+        }
+        found.even = found.view.count() == 0 || seen == SIDE * SIDE;
+        found
+    }
+
+    /// Radiance at a place in a cell, of which two are along the side of one of the view's.
+    fn look_into(&mut self, cell: Cell, place: Vec2, view: &mut SkyView) -> Rgb {
+        let at = Vec2::new(cell.x as f32, cell.y as f32) + place * cell.size as f32;
+        let radiance = self.radiance(at / (2 * SIDE) as f32);
+        view.mark(cell.coarser(2), radiance != Rgb::ZERO);
+        radiance
     }
 }
 
@@ -285,7 +340,7 @@ impl Cells {
         let size = self.finest / side;
         for index in 0..side * side {
             let cell = Cell { x: index % side * size, y: index / side * size, size };
-            match borders.map(|borders| has_border(&borders, cell.coarser(self.finest / SIDE))) {
+            match borders.map(|borders| has_bits(&borders, cell.coarser(self.finest / SIDE))) {
                 None => self.open.push(cell),
                 Some(true) => self.open.extend(cell.quarters()),
                 Some(false) => {
@@ -295,11 +350,11 @@ impl Cells {
         }
     }
 
-    /// Counts the open cells, quartered until what is uncertain is less than a share of the light. `level`: how often they are quartered
-    /// already.
+    /// Counts the open cells, quartered until what is uncertain is less than a share of the light. Those that others saw a part of
+    /// are uncertain, whatever their corners see: small windows hide between them.
     fn quarter(
         &mut self,
-        level: u32,
+        beside: Option<&SkyView>,
         uncertain: f32,
         known: Rgb,
         hemisphere: &mut Hemisphere,
@@ -307,7 +362,8 @@ impl Cells {
     ) {
         let mut brightest = 0.0_f32;
         let mut different = None;
-        for level in level.. {
+        // They are quartered once already where others have looked.
+        for level in u32::from(beside.is_some()).. {
             // The light by what is known of it now, and what it leaves open.
             let (mut light, mut doubt) = (count.found.irradiance / PI, 0.0_f32);
             self.looks.clear();
@@ -324,7 +380,11 @@ impl Cells {
             self.next.clear();
             for (&cell, corners) in self.open.iter().zip(&self.looks) {
                 let most = corners.iter().copied().fold(Rgb::ZERO, Rgb::max);
-                let difference = most - corners.iter().copied().fold(Rgb::INFINITY, Rgb::min);
+                let mut difference = most - corners.iter().copied().fold(Rgb::INFINITY, Rgb::min);
+                if beside.is_some_and(|view| view.is_divided(cell, self.finest)) {
+                    let middle = Vec2::new(cell.x as f32, cell.y as f32) + 0.5 * cell.size as f32;
+                    difference = difference.max(hemisphere.open(middle / self.finest as f32).1);
+                }
                 let differ = difference.max_element() > different;
                 if most != Rgb::ZERO {
                     count.mark(cell, true);
@@ -372,8 +432,8 @@ impl Cells {
     }
 }
 
-/// Whether the border may be in a cell.
-fn has_border(borders: &[u16; SIDE as usize], Cell { x, y, size }: Cell) -> bool {
-    let bits = (1 << size) - 1;
-    borders[y as usize..(y + size) as usize].iter().any(|row| row >> x & bits != 0)
+/// Whether a cell has a bit.
+fn has_bits(rows: &[u16; SIDE as usize], Cell { x, y, size }: Cell) -> bool {
+    let bits = ((1_u32 << size) - 1) as u16;
+    rows[y as usize..(y + size) as usize].iter().any(|row| row >> x & bits != 0)
 }
