@@ -24,16 +24,14 @@ fn on_floor(tracer: &Tracer, x: f32, z: f32) -> Receiver {
     Receiver { position: Vec3::new(x, 0.0, z), ..receiver }
 }
 
-fn skylight(
-    lights: &Lights,
-    receiver: &Receiver,
-    samples: u32,
-    beside: Option<&SkyView>,
-    seed: u32,
-) -> (Skylight, u64) {
+fn skylight(lights: &Lights, receiver: &Receiver, beside: Option<&SkyView>, seed: u32) -> (Skylight, u64) {
     let mut scratch = Scratch::default();
     let key = Key::new(seed, Purpose::Emitter, 0);
-    (lights.skylight(receiver, samples, Rgb::ZERO, beside, key, &mut scratch), scratch.rays)
+    (lights.skylight(receiver, SAMPLES, Rgb::ZERO, beside, key, &mut scratch), scratch.rays)
+}
+
+fn look(lights: &Lights, receiver: &Receiver, closely: bool, seed: u32) -> Skylight {
+    lights.look_at_sky(receiver, closely, Key::new(seed, Purpose::Emitter, 0), &mut Scratch::default())
 }
 
 #[test]
@@ -44,8 +42,9 @@ fn where_nothing_is_in_the_way_it_is_exact() {
     });
     let tracer = Tracer::new(&scene);
     let lights = Lights::new(&tracer, LightParams::default());
-    for samples in [SAMPLES, 0] {
-        let (found, _) = skylight(&lights, &on_floor(&tracer, 0.3, -0.2), samples, None, 1);
+    let receiver = on_floor(&tracer, 0.3, -0.2);
+    let looks = [true, false].map(|closely| look(&lights, &receiver, closely, 1));
+    for found in [skylight(&lights, &receiver, None, 1).0].into_iter().chain(looks) {
         assert!(found.even && found.variance == 0.0, "{found:?}");
         // Sums of 64 equal parts, or of 256.
         assert!((found.irradiance / RADIANCE - PI).abs().max_element() < 1e-5, "{}", found.irradiance);
@@ -112,10 +111,10 @@ fn through_window(window: &Window, x: f32, others: bool) -> ([f64; 3], u64) {
     for seed in 0..SEEDS {
         let views = AROUND.iter().zip(0..).map(|(&(dx, dz), index)| {
             let beside = on_floor(&tracer, (x + dx).clamp(-1.95, 1.95), 0.4 + dz);
-            skylight(&lights, &beside, 0, None, 1000 + AROUND.len() as u32 * seed + index).0.view
+            look(&lights, &beside, true, 1000 + AROUND.len() as u32 * seed + index).view
         });
         let beside = SkyView::beside(receiver.normal, views).filter(|_| others);
-        let (found, own) = skylight(&lights, &receiver, SAMPLES, beside.as_ref(), seed);
+        let (found, own) = skylight(&lights, &receiver, beside.as_ref(), seed);
         let value = f64::from(found.irradiance.x / expected);
         assert!((found.irradiance / RADIANCE - found.irradiance.x).abs().max_element() < 1e-5);
         sum += value;
@@ -181,9 +180,8 @@ fn beside_a_wall_it_is_what_the_wall_leaves() {
     for distance in [0.2_f32, 1.0, 5.0] {
         let receiver = on_floor(&tracer, -1.0 + distance, 0.0);
         let expected = 0.5 * PI * (1.0 + distance / distance.hypot(2.0));
-        let found: Vec<f32> = (0..64)
-            .map(|seed| skylight(&lights, &receiver, SAMPLES, None, seed).0.irradiance.x / expected)
-            .collect();
+        let found: Vec<f32> =
+            (0..64).map(|seed| skylight(&lights, &receiver, None, seed).0.irradiance.x / expected).collect();
         let mean = found.iter().sum::<f32>() / 64.0;
         let deviation = (found.iter().map(|v| (v - 1.0).powi(2)).sum::<f32>() / 64.0).sqrt();
         assert!(deviation < uncertain(), "{distance}: {deviation}");
@@ -198,11 +196,11 @@ fn views_turn_with_the_receiver() {
     let tracer = Tracer::new(&scene);
     let lights = Lights::new(&tracer, LightParams::default());
     let upright = on_floor(&tracer, -0.5, 0.0);
-    let (from_above, _) = skylight(&lights, &upright, SAMPLES, None, 3);
+    let (from_above, _) = skylight(&lights, &upright, None, 3);
     let leaning = Receiver { normal: Vec3::new(-0.5, 0.7, 0.1).normalize_or_zero(), ..upright };
     let beside = SkyView::beside(leaning.normal, std::iter::once(from_above.view));
     let values = |beside: Option<&SkyView>| -> Vec<f32> {
-        (0..64).map(|seed| skylight(&lights, &leaning, SAMPLES, beside, seed).0.irradiance.x).collect()
+        (0..64).map(|seed| skylight(&lights, &leaning, beside, seed).0.irradiance.x).collect()
     };
     let mean = |values: &[f32]| values.iter().sum::<f32>() / 64.0;
     let [alone, helped] = [None, beside.as_ref()].map(values);

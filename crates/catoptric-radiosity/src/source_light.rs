@@ -59,9 +59,8 @@ impl SourceLight {
 pub(crate) struct SourceField<'a> {
     lights: &'a Lights<'a>,
     params: &'a SolveParams,
-    /// Samples for the sky at vertices, and inside elements.
-    sky_samples: u32,
-    sky_fit_samples: u32,
+    /// Share of the samples that the sky gets.
+    sky_share: f32,
     /// Buffers that no thread uses just now.
     scratch: Mutex<Vec<Scratch>>,
     found: Mutex<Vec<(u32, SourceLight)>>,
@@ -74,13 +73,10 @@ pub(crate) struct SourceField<'a> {
 impl<'a> SourceField<'a> {
     /// For a base mesh of so many vertices.
     pub(crate) fn new(lights: &'a Lights<'a>, params: &'a SolveParams, vertices: usize) -> Self {
-        let [sky_samples, sky_fit_samples] =
-            [params.shadow_rays, params.fit_rays].map(|samples| sky_samples(samples, vertices));
         Self {
             lights,
             params,
-            sky_samples,
-            sky_fit_samples,
+            sky_share: (MANY_VERTICES / vertices.max(1) as f32).clamp(LEAST_SHARE, 1.0),
             scratch: Mutex::default(),
             found: Mutex::default(),
             fresh: Mutex::default(),
@@ -101,7 +97,7 @@ impl<'a> SourceField<'a> {
         (known, asked)
     }
 
-    /// Skylight beside that of `lamps`; `around`: the vertices that are nearest.
+    /// Skylight beside that of `lamps`, by a share of so many samples; `around`: the vertices that are nearest.
     fn skylight(
         &self,
         receiver: &Receiver,
@@ -115,7 +111,8 @@ impl<'a> SourceField<'a> {
             let view = |&v: &u32| Some(skies.get(v as usize)?.as_ref()?.view);
             SkyView::beside(receiver.normal, around.iter().filter_map(view))
         });
-        self.lights.skylight(receiver, samples, lamps, beside.as_ref(), key, scratch)
+        let samples = ((samples as f32 * self.sky_share) as u32).max(1);
+        self.lights.skylight(receiver, samples, lamps, beside.as_ref(), key.child(SKY), scratch)
     }
 
     /// Light of the sources. Where the surroundings are calm few samples do, unless they see that it is not.
@@ -140,12 +137,13 @@ impl<'a> SourceField<'a> {
             let lamps = light.direct + light.mirrored;
             sky = match known {
                 Known::Nothing => {
-                    Some(self.skylight(receiver, 0, lamps, &[], key.child(SKY + 1), &mut scratch))
+                    let closely = self.sky_share > CLOSE_SHARE;
+                    Some(self.lights.look_at_sky(receiver, closely, key.child(SKY + 1), &mut scratch))
                 }
                 Known::NotYet => None,
                 Known::At(around) => {
-                    let key = key.child(SKY);
-                    Some(self.skylight(receiver, self.sky_samples, lamps, around, key, &mut scratch))
+                    let samples = self.params.shadow_rays;
+                    Some(self.skylight(receiver, samples, lamps, around, key, &mut scratch))
                 }
             };
             light.sky = sky.map_or(Rgb::ZERO, |sky| sky.irradiance);
@@ -216,12 +214,8 @@ impl Field for SourceField<'_> {
 /// Base vertices from which on each gets less of the samples for the sky, and the least share.
 const MANY_VERTICES: f32 = 50_000.0;
 const LEAST_SHARE: f32 = 0.25;
-
-/// Samples for the sky from each vertex.
-fn sky_samples(samples: u32, base_vertices: usize) -> u32 {
-    let share = (MANY_VERTICES / base_vertices.max(1) as f32).clamp(LEAST_SHARE, 1.0);
-    ((samples as f32 * share) as u32).max(1)
-}
+/// Share below which vertices are so near to each other that coarser looks do.
+const CLOSE_SHARE: f32 = 0.5;
 
 /// Tells the keys of skylight from those of other sources.
 const SKY: u32 = 1 << 30;
@@ -405,8 +399,8 @@ impl SourceField<'_> {
                 let sky = if lights.has_skylight() {
                     let element = &displayed.mesh.elements[point.element as usize];
                     let around = element.vertices.map(|v| displayed.origin[v as usize]);
-                    let (lamps, key) = (direct + mirrored, key.child(SKY));
-                    self.skylight(&receiver, self.sky_fit_samples, lamps, &around, key, scratch).irradiance
+                    let lamps = direct + mirrored;
+                    self.skylight(&receiver, count, lamps, &around, key, scratch).irradiance
                 } else {
                     Rgb::ZERO
                 };

@@ -152,9 +152,9 @@ const LEVELS: u32 = 3;
 const DIFFERENT: f32 = 0.25;
 /// Cells that see the sky below which all of them are quartered once: some of what is seen may be between all corners.
 const FEW: f32 = 8.0;
-/// Cells of a view which see the sky, at most, where that is little.
-const LITTLE: u32 = 32;
-/// … and where it is next to nothing.
+/// One in so many rays of a look meets the sky, at most, where that is little.
+const LITTLE: u32 = 8;
+/// … and so many of them where it is next to nothing.
 const LEAST: u32 = 2;
 /// What is left uncertain, times the root of the number of samples, relative to the light there.
 const UNCERTAIN: f32 = 0.4;
@@ -170,8 +170,22 @@ impl Lights<'_> {
         }
     }
 
-    /// Irradiance straight from the dim sky, about as exact as by `samples` shadow rays, or none if this is only a look that may help
-    /// others. `known`: what arrives besides, which makes errors less visible; `beside`: what other receivers have seen of the sky.
+    /// A first look at the dim sky, which tells others where to look closer: by 256 rays and more where windows are small, or by 64.
+    pub fn look_at_sky(
+        &self,
+        receiver: &Receiver,
+        closely: bool,
+        key: Key,
+        scratch: &mut Scratch,
+    ) -> Skylight {
+        match self.tracer.scene().sky().filter(|_| self.has_skylight()) {
+            Some(sky) => Hemisphere::new(self, sky, receiver, scratch).look(closely, key),
+            None => Skylight::nothing(receiver),
+        }
+    }
+
+    /// Irradiance straight from the dim sky, about as exact as by `samples` shadow rays. `known`: what arrives besides, which makes errors
+    /// less visible; `beside`: what other receivers have seen of the sky.
     pub fn skylight(
         &self,
         receiver: &Receiver,
@@ -184,9 +198,6 @@ impl Lights<'_> {
         let Some(sky) = self.tracer.scene().sky().filter(|_| self.has_skylight()) else {
             return Skylight::nothing(receiver);
         };
-        if samples == 0 {
-            return Hemisphere::new(self, sky, receiver, scratch).look(key);
-        }
         let mut cells = std::mem::take(&mut scratch.sky);
         let mut hemisphere = Hemisphere::new(self, sky, receiver, scratch);
         let side = if samples < FEW_SAMPLES { COARSE_OF_FEW } else { COARSE };
@@ -243,34 +254,39 @@ impl<'a> Hemisphere<'a> {
         radiance * self.lights.tracer.visibility_to_infinity(position, plane, direction)
     }
 
-    /// A ray into each cell of a view, somewhere: between the corners of larger ones, small windows may hide. Where little is seen, more
-    /// rays around that tell how far it reaches.
-    fn look(&mut self, key: Key) -> Skylight {
+    /// A ray into each cell of a view, or into every fourth, somewhere: between the corners of larger ones, small windows may hide. Where
+    /// little is seen, more rays around that tell how far it reaches.
+    fn look(&mut self, closely: bool, key: Key) -> Skylight {
         let mut found = Skylight::nothing(self.receiver);
-        let cells = (0..SIDE * SIDE).map(|index| Cell { x: index % SIDE * 2, y: index / SIDE * 2, size: 2 });
-        for (cell, index) in cells.clone().zip(0..) {
-            found.irradiance +=
-                self.look_into(cell, key.point2(index), &mut found.view) / (SIDE * SIDE) as f32;
+        let (side, size) = if closely { (SIDE, 2) } else { (SIDE / 2, 4) };
+        let cells =
+            (0..side * side).map(|index| Cell { x: index % side * size, y: index / side * size, size });
+        let mut seen = 0;
+        for (cell, index) in cells.zip(0..) {
+            let radiance = self.look_into(cell, key.point2(index), &mut found.view);
+            found.irradiance += radiance * (PI / (side * side) as f32);
+            seen += u32::from(radiance != Rgb::ZERO);
         }
-        found.irradiance *= PI;
-        let seen = found.view.count();
-        if seen <= LITTLE {
-            // All quarters where next to nothing is seen, and else those around what is.
-            let borders = if seen <= LEAST { [u16::MAX; SIDE as usize] } else { found.view.borders() };
-            let around = cells.filter(|cell| has_bits(&borders, cell.coarser(2)));
-            for (cell, index) in around.flat_map(Cell::quarters).zip(SIDE * SIDE..) {
+        if LITTLE * seen <= side * side {
+            // All where next to nothing is seen, and else those around what is.
+            let all = closely && seen <= LEAST;
+            let borders = if all { [u16::MAX; SIDE as usize] } else { found.view.borders() };
+            let cells = (0..SIDE * SIDE).map(|index| Cell { x: index % SIDE, y: index / SIDE, size: 1 });
+            let around = cells.filter(|&cell| has_bits(&borders, cell)).map(|cell| cell.finer(2));
+            for (cell, index) in around.flat_map(Cell::quarters).zip(side * side..) {
                 self.look_into(cell, key.point2(index), &mut found.view);
             }
         }
-        found.even = found.view.count() == 0 || seen == SIDE * SIDE;
+        found.even = found.view.count() == 0 || seen == side * side;
         found
     }
 
-    /// Radiance at a place in a cell, of which two are along the side of one of the view's.
+    /// Radiance at a place in a cell, of which two of size 1 are along the side of one of the view's.
     fn look_into(&mut self, cell: Cell, place: Vec2, view: &mut SkyView) -> Rgb {
         let at = Vec2::new(cell.x as f32, cell.y as f32) + place * cell.size as f32;
         let radiance = self.radiance(at / (2 * SIDE) as f32);
-        view.mark(cell.coarser(2), radiance != Rgb::ZERO);
+        let [x, y] = [at.x, at.y].map(|c| (c as u32 / 2).min(SIDE - 1));
+        view.mark(Cell { x, y, size: 1 }, radiance != Rgb::ZERO);
         radiance
     }
 }
@@ -289,6 +305,11 @@ impl Cell {
     fn quarters(self) -> [Self; 4] {
         let size = self.size / 2;
         [(0, 0), (size, 0), (0, size), (size, size)].map(|(x, y)| Self { x: self.x + x, y: self.y + y, size })
+    }
+
+    /// In a grid that is finer.
+    fn finer(self, times: u32) -> Self {
+        Self { x: self.x * times, y: self.y * times, size: self.size * times }
     }
 
     /// In a grid that is coarser.
