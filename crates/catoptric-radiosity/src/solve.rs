@@ -93,7 +93,7 @@ impl SolveParams {
         let (max_vertices, tolerance, blur, shadow_rays, inside_rounds) = match quality {
             Quality::Sketch => (4_000, 0.06, 0.04, 8, 0),
             Quality::Draft => (8_000, 0.06, 0.06, 16, 0),
-            Quality::Standard => (20_000, 0.02, 0.04, 32, 1),
+            Quality::Standard => (20_000, 0.02, 0.03, 32, 1),
             Quality::High => (30_000, 0.008, 0.015, 64, 2),
         };
         // The last rounds cost a sketch a tenth of its time and change its errors by 2 %.
