@@ -50,6 +50,8 @@ pub struct SkyView {
     normal: Vec3,
     seen: [u16; SIDE as usize],
     blocked: [u16; SIDE as usize],
+    /// Below the horizon of all who looked.
+    unknown: [u16; SIDE as usize],
 }
 
 impl SkyView {
@@ -77,15 +79,16 @@ impl SkyView {
         let mut sum: Option<Self> = None;
         for view in views {
             let view = if view.normal == normal { view } else { view.turned(normal) };
-            let sum = sum.get_or_insert(Self::new(normal));
+            let sum = sum.get_or_insert(Self { unknown: [u16::MAX; SIDE as usize], ..Self::new(normal) });
             for (all, own) in [(&mut sum.seen, view.seen), (&mut sum.blocked, view.blocked)] {
                 all.iter_mut().zip(own).for_each(|(all, own)| *all |= own);
             }
+            sum.unknown.iter_mut().zip(view.unknown).for_each(|(all, own)| *all &= own);
         }
         sum
     }
 
-    /// The same by the hemisphere of another normal; of what was below the horizon nothing is known.
+    /// The same by the hemisphere of another normal.
     fn turned(&self, normal: Vec3) -> Self {
         let mut turned = Self::new(normal);
         let (from, to) = (frame(normal), frame(self.normal));
@@ -101,8 +104,7 @@ impl SkyView {
                         to[y as usize] |= (from[row as usize] >> column & 1) << x;
                     }
                 } else {
-                    turned.mark(Cell { x, y, size: 1 }, true);
-                    turned.mark(Cell { x, y, size: 1 }, false);
+                    turned.unknown[y as usize] |= 1 << x;
                 }
             }
         }
@@ -127,7 +129,7 @@ impl SkyView {
             })
         };
         let (seen, blocked) = (wide(&self.seen), wide(&self.blocked));
-        std::array::from_fn(|y| seen[y] & blocked[y])
+        std::array::from_fn(|y| seen[y] & blocked[y] | self.unknown[y])
     }
 }
 
@@ -160,6 +162,7 @@ const LEAST: u32 = 2;
 const UNCERTAIN: f32 = 0.4;
 /// Variance of a ray into a cell whose corners differ by 1: the share of it that is seen may be anything.
 const VARIANCE: f32 = 1.0 / 6.0;
+
 impl Lights<'_> {
     /// Whether some of the sky is no source like a lamp.
     pub fn has_skylight(&self) -> bool {
