@@ -1,6 +1,8 @@
 //! What surfaces do to light: energy, reciprocity, limits, and what lies in one plane.
 
-use catoptric_scene::{AlphaMode, Barycentric, Material, Rgb, Scene, SceneParts, Transmission, TriangleId};
+use catoptric_scene::{
+    AlphaMode, Barycentric, Material, Rgb, Scene, SceneParts, SurfaceId, Transmission, TriangleId,
+};
 use catoptric_trace::fresnel;
 use catoptric_trace::interaction::Interaction;
 use catoptric_trace::medium::{MediumId, MediumStack};
@@ -293,6 +295,24 @@ fn chains_end_in_front_of_their_mirror() {
     assert_eq!(see(Vec3::new(-0.2, -0.3, 0.0)), Rgb::ZERO);
     // Here the line of sight falls, and meets the mirror beyond the image.
     assert_eq!(see(Vec3::new(0.0, -0.45, 0.1)), Rgb::ZERO);
+}
+
+/// A mirror and a chrome ball as one mesh with normals: the mirror has an image, the ball's facets have none.
+#[test]
+fn flat_mirrors_of_smooth_meshes_have_images() {
+    let mut parts = SceneParts::default();
+    let chrome = parts.add_material(Material::mirror("chrome", Rgb::ONE));
+    parts.add_quad("all", chrome, Vec3::ZERO, Vec3::Z, Vec3::X);
+    parts.add_sphere("ball", chrome, Vec3::new(0.5, 1.0, 0.5), 0.3, 4);
+    let count = parts.triangles.len() as u32;
+    parts.surfaces.truncate(1);
+    parts.surfaces[0].triangles = 0..count;
+    parts.triangles.iter_mut().for_each(|triangle| triangle.surface = SurfaceId(0));
+    let scene = Scene::new(parts).expect("a valid scene");
+    let tracer = Tracer::new(&scene);
+    for index in 0..count {
+        assert_eq!(tracer.image_plane(TriangleId(index)).is_some(), index < 2, "{index}");
+    }
 }
 
 /// Surfaces that are for the eye only neither send nor receive light.
