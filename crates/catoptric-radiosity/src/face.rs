@@ -170,7 +170,7 @@ fn islands(tracer: &Tracer, members: Vec<TriangleId>) -> Vec<Vec<TriangleId>> {
 
 #[cfg(test)]
 mod tests {
-    use catoptric_scene::{Material, Rgb, Scene, SceneParts, SurfaceId};
+    use catoptric_scene::{Material, Rgb, Scene, SceneParts};
 
     use super::*;
 
@@ -181,15 +181,12 @@ mod tests {
         let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
         parts.add_box("room", white, Vec3::ZERO, Vec3::ONE, true);
         parts.add_sphere("ball", white, Vec3::splat(0.5), 0.2, 6);
-        let count = parts.triangles.len() as u32;
-        parts.surfaces.truncate(1);
-        parts.surfaces[0].triangles = 0..count;
-        parts.triangles.iter_mut().for_each(|triangle| triangle.surface = SurfaceId(0));
+        parts.join_surfaces();
         let scene = Scene::new(parts).expect("a valid scene");
         let faces = faces(&Tracer::new(&scene));
         let (curved, flat): (Vec<&FaceDraft>, Vec<&FaceDraft>) = faces.iter().partition(|face| face.curved);
         assert_eq!(flat.len(), 6);
         assert!(flat.iter().all(|face| face.triangles.len() == 2));
-        assert_eq!(curved.len() as u32, count - 12);
+        assert_eq!(curved.len(), scene.triangles().len() - 12);
     }
 }

@@ -65,9 +65,9 @@ pub(crate) struct SourceField<'a> {
     scratch: Mutex<Vec<Scratch>>,
     found: Mutex<Vec<(u32, SourceLight)>>,
     /// The sky from vertices since the last round.
-    fresh: Mutex<Vec<(u32, Skylight)>>,
+    fresh: Mutex<Vec<(u32, SkyView)>>,
     /// … and from each vertex in the rounds before.
-    skies: RwLock<Vec<Option<Skylight>>>,
+    skies: RwLock<Vec<Option<SkyView>>>,
 }
 
 impl<'a> SourceField<'a> {
@@ -108,21 +108,21 @@ impl<'a> SourceField<'a> {
         scratch: &mut Scratch,
     ) -> Skylight {
         let beside = self.skies.read().ok().and_then(|skies| {
-            let view = |&v: &u32| Some(skies.get(v as usize)?.as_ref()?.view);
-            SkyView::beside(receiver.normal, around.iter().filter_map(view))
+            let views = around.iter().filter_map(|&v| *skies.get(v as usize)?);
+            SkyView::beside(receiver.normal, views)
         });
         let samples = ((samples as f32 * self.sky_share) as u32).max(1);
         self.lights.skylight(receiver, samples, lamps, beside.as_ref(), key.child(SKY), scratch)
     }
 
-    /// Light of the sources. Where the surroundings are calm few samples do, unless they see that it is not.
+    /// Light of the sources, and what is seen of the sky. Where the surroundings are calm few samples do, unless they see that it is not.
     fn light(
         &self,
         receiver: &Receiver,
         known: Known,
         calm: bool,
         key: Key,
-    ) -> (SourceLight, Option<Skylight>) {
+    ) -> (SourceLight, Option<SkyView>) {
         let mut scratch = self.scratch.lock().ok().and_then(|mut all| all.pop()).unwrap_or_default();
         scratch.rays = 0;
         let mut light = SourceLight { calm: true, ..SourceLight::default() };
@@ -156,7 +156,7 @@ impl<'a> SourceField<'a> {
         if let Ok(mut all) = self.scratch.lock() {
             all.push(scratch);
         }
-        (light, sky)
+        (light, sky.map(|sky| sky.view))
     }
 }
 
@@ -180,9 +180,9 @@ impl Field for SourceField<'_> {
     fn evaluate(&self, draft: &Draft, vertex: u32, known: Known, calm: bool) -> (Rgb, bool) {
         let receiver = draft.receiver(self.lights.tracer(), vertex);
         let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
-        let (light, sky) = self.light(&receiver, known, calm, key);
-        if let (Some(sky), Ok(mut fresh)) = (sky, self.fresh.lock()) {
-            fresh.push((vertex, sky));
+        let (light, view) = self.light(&receiver, known, calm, key);
+        if let (Some(view), Ok(mut fresh)) = (view, self.fresh.lock()) {
+            fresh.push((vertex, view));
         }
         if let Ok(mut found) = self.found.lock() {
             found.push((vertex, light));
@@ -196,10 +196,10 @@ impl Field for SourceField<'_> {
 
     fn settle(&self) {
         if let (Ok(mut fresh), Ok(mut skies)) = (self.fresh.lock(), self.skies.write()) {
-            for (vertex, sky) in fresh.drain(..) {
+            for (vertex, view) in fresh.drain(..) {
                 let count = skies.len().max(vertex as usize + 1);
                 skies.resize(count, None);
-                skies[vertex as usize] = Some(sky);
+                skies[vertex as usize] = Some(view);
             }
         }
     }

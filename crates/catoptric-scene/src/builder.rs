@@ -54,6 +54,14 @@ impl SceneParts {
         });
     }
 
+    /// Makes all surfaces one, of the first one's name and material, as exporters do with whole buildings.
+    pub fn join_surfaces(&mut self) {
+        self.surfaces.truncate(1);
+        let count = self.triangles.len() as u32;
+        self.surfaces.iter_mut().for_each(|surface| surface.triangles = 0..count);
+        self.triangles.iter_mut().for_each(|triangle| triangle.surface = SurfaceId(0));
+    }
+
     /// Adds the parallelogram corner, corner + a, corner + a + b, corner + b; its front looks along a × b.
     pub fn add_quad(&mut self, name: &str, material: MaterialId, corner: Vec3, a: Vec3, b: Vec3) {
         let positions = [corner, corner + a, corner + a + b, corner + b];

@@ -267,7 +267,6 @@ pub fn triangle_point(point: Vec2) -> (f32, f32) {
 mod tests {
     use super::*;
 
-    /// Every elementary interval of a (0,2)-sequence in base 2 holds exactly one of 2^m consecutive points.
     #[test]
     fn hemisphere_points_are_found_again() {
         let key = Key::new(3, Purpose::Hemisphere, 0);
@@ -280,6 +279,7 @@ mod tests {
         assert_eq!(hemisphere_point(Vec3::Z), Vec2::splat(0.5));
     }
 
+    /// Every elementary interval of a (0,2)-sequence in base 2 holds exactly one of 2^m consecutive points.
     #[test]
     fn each_elementary_interval_holds_exactly_one_point() {
         for entity in 0..20 {

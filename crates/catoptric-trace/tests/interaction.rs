@@ -1,8 +1,6 @@
 //! What surfaces do to light: energy, reciprocity, limits, and what lies in one plane.
 
-use catoptric_scene::{
-    AlphaMode, Barycentric, Material, Rgb, Scene, SceneParts, SurfaceId, Transmission, TriangleId,
-};
+use catoptric_scene::{AlphaMode, Barycentric, Material, Rgb, Scene, SceneParts, Transmission, TriangleId};
 use catoptric_trace::fresnel;
 use catoptric_trace::interaction::Interaction;
 use catoptric_trace::medium::{MediumId, MediumStack};
@@ -304,13 +302,10 @@ fn flat_mirrors_of_smooth_meshes_have_images() {
     let chrome = parts.add_material(Material::mirror("chrome", Rgb::ONE));
     parts.add_quad("all", chrome, Vec3::ZERO, Vec3::Z, Vec3::X);
     parts.add_sphere("ball", chrome, Vec3::new(0.5, 1.0, 0.5), 0.3, 4);
-    let count = parts.triangles.len() as u32;
-    parts.surfaces.truncate(1);
-    parts.surfaces[0].triangles = 0..count;
-    parts.triangles.iter_mut().for_each(|triangle| triangle.surface = SurfaceId(0));
+    parts.join_surfaces();
     let scene = Scene::new(parts).expect("a valid scene");
     let tracer = Tracer::new(&scene);
-    for index in 0..count {
+    for index in 0..scene.triangles().len() as u32 {
         assert_eq!(tracer.image_plane(TriangleId(index)).is_some(), index < 2, "{index}");
     }
 }

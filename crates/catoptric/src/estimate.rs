@@ -35,15 +35,13 @@ pub(crate) struct Estimate {
 pub(crate) fn estimate(scene: &Scene) -> Vec<Estimate> {
     let rate = rays_per_second(scene);
     let (sketch, draft) = (("sketch", Quality::Sketch), ("draft", Quality::Draft));
+    // Flat surfaces are cut to the budget, curved ones keep their triangles.
+    let is_curved = |t: &TriangleId| scene.is_smooth(*t) && scene.material_of(*t).may_be_diffuse();
+    let curved = (0..scene.triangles().len() as u32).map(TriangleId).filter(is_curved).count() as u64;
     [sketch, draft, ("standard", Quality::Standard), ("high", Quality::High)]
         .into_iter()
         .map(|(name, quality)| {
             let params = SolveParams::for_quality(quality);
-            // Flat surfaces are cut to the budget, curved ones keep their triangles.
-            let is_curved = |t: &u32| {
-                scene.is_smooth(TriangleId(*t)) && scene.material_of(TriangleId(*t)).may_be_diffuse()
-            };
-            let curved = (0..scene.triangles().len() as u32).filter(is_curved).count() as u64;
             let patches = params.base_triangles as u64 + curved;
             let vertices = params.sources.max_vertices as u64 + curved;
             let rows = patches * u64::from(params.row_rays);
