@@ -3,7 +3,7 @@
 //! `cargo run --profile fast -p catoptric-tests --example quick -- SCENE.glb OUT.exr [sketch|draft|standard|high] [layers]`
 //!
 //! Variables of the environment replace budgets of pass one: `BASE`, `ROWS`, `GATHER`, `VERT`, `TOL`, `BLUR`, `FLOOR`, `MAXV`, `SHADOW`,
-//! `NEAR`, `DETAIL`, `MAXD`, `DROUNDS`, `ROUNDS`, `SMOOTH`, `BEND`, `FITBEND`, `POINTS`, `FITP`, `FITR`, `LIGHT`, `CNOISE`, `CMAXV` and `SEED` (see [`SolveParams`]), `NOISE`, `EDGE` and `MOST` (see [`RenderParams`]);
+//! `NEAR`, `DETAIL`, `MAXD`, `DROUNDS`, `ROUNDS`, `SMOOTH`, `BEND`, `FITBEND`, `POINTS`, `FITP`, `FITR`, `LIGHT`, `CNOISE`, `CMAXV` and `SEED` (see [`SolveParams`]), `NOISE`, `EDGE`, `MOST` and `ROULETTE` (see [`RenderParams`]);
 //! `SKY` is the radiance of a uniform sky, bluish.
 
 use std::path::Path;
@@ -81,6 +81,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     view.noise = std::env::var("NOISE").ok().and_then(|v| v.parse().ok()).unwrap_or(view.noise);
     view.most_samples = std::env::var("MOST").ok().and_then(|v| v.parse().ok()).unwrap_or(view.most_samples);
     view.edge_samples = std::env::var("EDGE").ok().and_then(|v| v.parse().ok()).unwrap_or(view.edge_samples);
+    view.walk.roulette_below = value("ROULETTE").unwrap_or(view.walk.roulette_below);
     let rendered = render(&tracer, &solved.solution, camera, &view, &progress).map_err(|_| "stopped")?;
     progress.begin("write", 1);
     rendered.image.write_exr(Path::new(output))?;

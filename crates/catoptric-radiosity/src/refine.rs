@@ -44,15 +44,47 @@ pub enum Known<'a> {
     At(&'a [u32]),
 }
 
+/// How closely a field looks at a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// The field is calm around it: few samples do, if they agree.
+    Calm,
+    /// With so many times the usual samples.
+    Close(u32),
+}
+
+impl Look {
+    /// Times the usual samples.
+    pub fn times(self) -> u32 {
+        match self {
+            Self::Calm => 1,
+            Self::Close(times) => times,
+        }
+    }
+}
+
+/// What is found at a place.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Found {
+    /// The field's value.
+    pub value: Rgb,
+    /// Whether the field is calm there.
+    pub calm: bool,
+    /// Variance of the value, channels added, as far as its samples tell.
+    pub variance: f32,
+    /// Times the usual samples that it took.
+    pub times: u32,
+}
+
 /// One quantity that is refined: its values at the draft's vertices, computed on demand.
 ///
-/// Where the field is `calm` around a place, a look at it may do, with fewer samples. Samples never decide their own
-/// number alone: those that missed what blocks a little of a lamp would be content.
+/// Where the field is calm around a place, a look at it may do, with fewer samples; where it is noisy around it, there are more. Samples
+/// never decide their own number alone: those that missed what blocks a little of a lamp would be content.
 pub trait Field: Sync {
-    /// Value at a vertex, and whether it is calm there.
-    fn evaluate(&self, draft: &Draft, vertex: u32, known: Known, calm: bool) -> (Rgb, bool);
+    /// What is found at a vertex.
+    fn evaluate(&self, draft: &Draft, vertex: u32, known: Known, look: Look) -> Found;
     /// Value in the middle of a leaf.
-    fn evaluate_inside(&self, draft: &Draft, leaf: u32, calm: bool) -> Rgb;
+    fn evaluate_inside(&self, draft: &Draft, leaf: u32, look: Look) -> Rgb;
     /// Whether what is found at some vertices helps at others.
     fn learns(&self) -> bool {
         false
@@ -66,92 +98,155 @@ pub trait Field: Sync {
 pub struct Values {
     /// Per draft vertex.
     pub values: Vec<Rgb>,
-    /// Per draft vertex: whether the field is calm there. Nothing is known of those that others sample for.
-    pub calm: Vec<bool>,
+    /// Per draft vertex: what was found there. Nothing is known of those that others sample for.
+    found: Vec<Found>,
     /// Which of them are evaluated for others.
     pub sharing: Sharing,
+    /// Light that counts at least, where errors are relative to it.
+    floor: f32,
+    /// Times the usual samples that all have taken together.
+    taken: usize,
 }
 
 impl Values {
+    /// None yet.
+    pub fn new(sharing: Sharing) -> Self {
+        Self { sharing, ..Self::default() }
+    }
+
     /// Evaluates the vertices from `self.values.len()` on.
     pub fn extend(
         &mut self,
         draft: &Draft,
         field: &dyn Field,
+        params: &RefineParams,
         progress: &dyn Progress,
     ) -> Result<(), Cancelled> {
-        use rayon::prelude::*;
-        let first = self.values.len();
-        let evaluate = |vertex: u32, known: Known, calm: bool| {
-            let asked = self.sharing.is_asked(vertex) && !progress.is_cancelled();
-            if asked { field.evaluate(draft, vertex, known, calm) } else { (Rgb::ZERO, false) }
+        let is_base = self.values.is_empty();
+        let ask = |asked: bool, vertex: u32, known: Known, look: Look| {
+            let asked = asked && !progress.is_cancelled();
+            if asked { field.evaluate(draft, vertex, known, look) } else { Found::default() }
         };
-        let parents = |vertex: u32| &draft.vertices[vertex as usize].parents;
-        let mut fresh: Vec<(Rgb, bool)> = vec![(Rgb::ZERO, false); draft.vertices.len() - first];
-        if first > 0 {
-            let is_calm = |v: &u32| self.calm.get(*v as usize) == Some(&true);
-            // Those that are halves of what is made now wait for their ends.
-            in_waves(
-                first,
-                draft.vertices.len(),
-                |v| if field.learns() { parents(v).as_slice().as_flattened() } else { &[] },
-                |wave| {
-                    fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(
-                        |(index, found)| {
-                            if wave.contains(index) {
-                                let vertex = (first + index) as u32;
-                                let ends = parents(vertex).as_slice().as_flattened();
-                                *found = evaluate(vertex, Known::At(ends), ends.iter().all(is_calm));
-                            }
-                        },
-                    );
-                    field.settle();
-                },
-            );
+        let fresh = if is_base {
+            self.base(draft, field, params, &ask)
         } else {
-            // A look at each of the base mesh, then another where it is not calm or beside that. A vertex that is not calm for one
-            // lamp has had no more than a look at another that its few samples agreed on.
-            let beside = if field.learns() { self.beside(draft) } else { FxHashMap::default() };
-            fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(|(index, found)| {
-                let vertex = index as u32;
-                let is_root = parents(vertex).is_none();
-                let alone = is_root && beside.get(&vertex).is_none_or(|others| others.contains(&vertex));
-                let known = if alone { Known::Nothing } else { Known::NotYet };
-                *found = evaluate(vertex, known, is_root);
-            });
-            field.settle();
-            let mut doubtful: Vec<bool> = fresh.iter().map(|found| !found.1).collect();
-            for (a, b) in draft.edges() {
-                for (a, b) in [(a as usize, b as usize), (b as usize, a as usize)] {
-                    doubtful[a] |= !fresh[b].1;
-                }
-            }
-            let known = |vertex: u32| match parents(vertex) {
-                Some(parents) if field.learns() => &parents[..],
-                _ => beside.get(&vertex).map_or(&[][..], Vec::as_slice),
-            };
-            in_waves(0, draft.vertices.len(), known, |wave| {
-                fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(
-                    |(index, found)| {
-                        if wave.contains(index) && doubtful[index] {
-                            let vertex = index as u32;
-                            *found = evaluate(vertex, Known::At(known(vertex)), false);
-                        }
-                    },
-                );
-                field.settle();
-            });
-        }
+            self.between(draft, field, params, &ask)
+        };
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
         progress.advance(fresh.len() as u64);
-        self.values.extend(fresh.iter().map(|f| f.0));
-        self.calm.extend(fresh.iter().map(|f| f.1));
-        if first == 0 {
+        self.values.extend(fresh.iter().map(|f| f.value));
+        self.found.extend(fresh);
+        if is_base {
             self.fill();
         }
         Ok(())
+    }
+
+    /// The vertices of the base mesh: a look at each, then another where it is not calm or beside that. A vertex that is not calm for
+    /// one lamp has had no more than a look at another that its few samples agreed on.
+    fn base(
+        &mut self,
+        draft: &Draft,
+        field: &dyn Field,
+        params: &RefineParams,
+        ask: &(impl Fn(bool, u32, Known, Look) -> Found + Sync),
+    ) -> Vec<Found> {
+        use rayon::prelude::*;
+        let count = draft.vertices.len();
+        let parents = |vertex: u32| &draft.vertices[vertex as usize].parents;
+        let is_asked = |vertex: u32| self.sharing.is_asked(vertex);
+        let beside = if field.learns() { self.beside(draft) } else { FxHashMap::default() };
+        let first = |vertex: u32| {
+            let is_root = parents(vertex).is_none();
+            let alone = is_root && beside.get(&vertex).is_none_or(|others| others.contains(&vertex));
+            let known = if alone { Known::Nothing } else { Known::NotYet };
+            ask(is_asked(vertex), vertex, known, if is_root { Look::Calm } else { Look::Close(1) })
+        };
+        let vertices = (0..count as u32).into_par_iter().with_min_len(16).with_max_len(JOB);
+        let mut fresh: Vec<Found> = vertices.map(first).collect();
+        field.settle();
+
+        let mut doubtful: Vec<bool> = fresh.iter().map(|found| !found.calm).collect();
+        let mut around = vec![Around::default(); count];
+        for (a, b) in draft.edges() {
+            let length = draft.length((a, b));
+            for (a, b) in [(a, b), (b, a)] {
+                doubtful[a as usize] |= !fresh[b as usize].calm;
+                if is_asked(b) {
+                    around[a as usize].add(&fresh[b as usize], length);
+                }
+            }
+        }
+        let mut values: Vec<Rgb> = fresh.iter().map(|found| found.value).collect();
+        self.sharing.fill(&mut values, |parts| parts.map(|(value, weight)| value * weight).sum());
+        self.floor = params.floor * mean(draft, &values);
+        let look = |(vertex, around): (usize, &Around)| {
+            let asked = doubtful[vertex] && is_asked(vertex as u32);
+            if asked { Look::Close(around.times(self.floor, params)) } else { Look::Calm }
+        };
+        let mut looks: Vec<Look> = around.iter().enumerate().map(look).collect();
+        self.taken += afford(&mut looks, MEAN_TIMES * params.max_vertices);
+        let known = |vertex: u32| match parents(vertex) {
+            Some(parents) if field.learns() => &parents[..],
+            _ => beside.get(&vertex).map_or(&[][..], Vec::as_slice),
+        };
+        in_waves(0, count, known, |wave| {
+            fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(|(index, found)| {
+                if wave.contains(index) && doubtful[index] {
+                    let vertex = index as u32;
+                    *found = ask(is_asked(vertex), vertex, Known::At(known(vertex)), looks[index]);
+                }
+            });
+            field.settle();
+        });
+        fresh
+    }
+
+    /// Vertices that halve edges since then. Those that are halves of what is made now wait for their ends.
+    fn between(
+        &mut self,
+        draft: &Draft,
+        field: &dyn Field,
+        params: &RefineParams,
+        ask: &(impl Fn(bool, u32, Known, Look) -> Found + Sync),
+    ) -> Vec<Found> {
+        use rayon::prelude::*;
+        let (first, count) = (self.values.len(), draft.vertices.len());
+        let ends = |vertex: u32| draft.vertices[vertex as usize].parents.as_slice().as_flattened();
+        let is_asked = |vertex: u32| self.sharing.is_asked(vertex);
+        let look = |v: u32| if is_asked(v) { self.look(draft, ends(v), params) } else { Look::Calm };
+        let fresh = (first as u32..count as u32).into_par_iter();
+        let mut looks: Vec<Look> = fresh.with_min_len(1024).map(look).collect();
+        self.taken += afford(&mut looks, (MEAN_TIMES * params.max_vertices).saturating_sub(self.taken));
+        let mut fresh: Vec<Found> = vec![Found::default(); count - first];
+        let known = |v: u32| if field.learns() { ends(v) } else { &[] };
+        in_waves(first, count, known, |wave| {
+            fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(|(index, found)| {
+                if wave.contains(index) {
+                    let vertex = (first + index) as u32;
+                    *found = ask(is_asked(vertex), vertex, Known::At(ends(vertex)), looks[index]);
+                }
+            });
+            field.settle();
+        });
+        fresh
+    }
+
+    /// How closely to look between some vertices.
+    fn look(&self, draft: &Draft, ends: &[u32], params: &RefineParams) -> Look {
+        let known = || ends.iter().enumerate().map(|(k, &v)| (k, self.found.get(v as usize)));
+        if known().all(|(_, found)| found.is_some_and(|found| found.calm)) {
+            return Look::Calm;
+        }
+        let mut around = Around::default();
+        for (k, found) in known() {
+            if let Some(found) = found {
+                around.add(found, draft.length((ends[k], ends[(k + 1) % ends.len()])));
+            }
+        }
+        Look::Close(around.times(self.floor, params))
     }
 
     /// The vertices by which each of the base mesh knows more: itself and its neighbours; of a fine mesh, those as near as vertices that
@@ -220,7 +315,7 @@ impl Values {
                     return Rgb::ZERO;
                 }
                 let leads: Vec<u32> = self.sharing.parts(v).iter().map(|part| part.0).collect();
-                field.evaluate(draft, v, Known::At(&leads), false).0
+                field.evaluate(draft, v, Known::At(&leads), Look::Close(1)).value
             })
             .collect();
         if progress.is_cancelled() {
@@ -232,6 +327,69 @@ impl Values {
             self.sharing.ask(vertex);
         }
         Ok(())
+    }
+}
+
+/// Share of what refinement leaves alone that noise may make up: three deviations of it split no edge.
+const NOISE: f32 = 1.0 / 3.0;
+/// Times the usual samples, at most.
+const MOST_TIMES: u32 = 16;
+
+/// Times the usual samples of all vertices together, at most: where all is noise, as in a cloud of dust, it is seen as such.
+const MEAN_TIMES: usize = 6;
+
+/// Halves the samples of those that have most until all together can be afforded by `room`, or are usual. Returns their sum.
+fn afford(looks: &mut [Look], room: usize) -> usize {
+    loop {
+        let (mut sum, mut most) = (0, 1);
+        for look in &*looks {
+            if let Look::Close(times) = look {
+                (sum, most) = (sum + *times as usize, most.max(*times));
+            }
+        }
+        if sum <= room || most == 1 {
+            return sum;
+        }
+        for look in looks.iter_mut().filter(|look| **look == Look::Close(most)) {
+            *look = Look::Close(most / 2);
+        }
+    }
+}
+
+/// Sums over what was found around a place.
+#[derive(Clone, Copy, Debug, Default)]
+struct Around {
+    count: f32,
+    light: Rgb,
+    /// As if each had taken the usual samples.
+    variance: f32,
+    length: f32,
+    most_times: u32,
+}
+
+impl Around {
+    /// Adds what was found at the end of an edge of this length.
+    fn add(&mut self, found: &Found, length: f32) {
+        self.count += 1.0;
+        self.light += found.value;
+        // Of stratified samples of an edge the deviation falls by n^-3/4.
+        self.variance += found.variance * libm::powf(found.times as f32, 1.5);
+        self.length += length;
+        self.most_times = self.most_times.max(found.times);
+    }
+
+    /// Times the usual samples by which noise alone does not split edges of this length. Not less than half of what was taken around,
+    /// on edges of twice the length: what many samples find exactly, few may not.
+    fn times(&self, floor: f32, params: &RefineParams) -> u32 {
+        let mean = 1.0 / self.count.max(1.0);
+        let light = self.light.element_sum() * mean / 3.0 + floor.max(f32::MIN_POSITIVE);
+        let deviation = (self.variance * mean / 3.0).sqrt() / light;
+        let excess = deviation * self.length * mean / (NOISE * params.blur).max(f32::MIN_POSITIVE);
+        let mut times = (self.most_times / 2).max(1);
+        while times < MOST_TIMES && excess > libm::powf(times as f32, 0.75) {
+            times *= 2;
+        }
+        times
     }
 }
 
@@ -275,7 +433,7 @@ pub fn refine(
     params: &RefineParams,
     progress: &dyn Progress,
 ) -> Result<(), Cancelled> {
-    values.extend(draft, field, progress)?;
+    values.extend(draft, field, params, progress)?;
     if mean(draft, &values.values) <= 0.0 {
         return Ok(());
     }
@@ -296,6 +454,7 @@ pub fn refine(
         if floor <= 0.0 {
             return Ok(());
         }
+        values.floor = floor;
         candidates.retain(|&(a, b)| {
             let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
             let length = (y - x).length();
@@ -309,7 +468,7 @@ pub fn refine(
         for &(a, b) in &candidates {
             draft.midpoint(tracer, a, b);
         }
-        values.extend(draft, field, progress)?;
+        values.extend(draft, field, params, progress)?;
         let mut marks: Vec<(f32, (u32, u32))> = candidates
             .iter()
             .filter_map(|&(a, b)| {
@@ -338,7 +497,7 @@ pub fn refine(
         }
         let marks: Vec<(u32, u32)> = marks.into_iter().map(|m| m.1).collect();
         draft.split(tracer, &marks);
-        values.extend(draft, field, progress)?;
+        values.extend(draft, field, params, progress)?;
         // Only new edges are looked at in the next round: those with an end that was not there.
         candidates = draft.edges_where(|v| !active.get(v as usize).is_some_and(|&used| used));
         active = draft.active_vertices();
@@ -380,9 +539,9 @@ fn test_inside(
             let fine = if shared { 2.0 * values.sharing.cell() } else { 0.0 };
             let mut marked = None;
             if longest > params.inside_edge.max(fine) {
-                let calm = vertices.iter().all(|&v| values.calm[v as usize]);
+                let look = values.look(draft, &vertices, params);
                 let foretold = vertices.iter().map(|&v| values.values[v as usize]).sum::<Rgb>() / 3.0;
-                let found = field.evaluate_inside(draft, index as u32, calm);
+                let found = field.evaluate_inside(draft, index as u32, look);
                 let light = (found + foretold) * 0.5 + Rgb::splat(floor);
                 let relative = ((found - foretold).abs() / light).max_element();
                 // What a linear interpolant misses there is most of what it misses at an edge's middle.
@@ -427,21 +586,91 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::solve::coarse_patches;
+    use crate::solve::{SolveParams, coarse_patches};
     use catoptric_scene::{Material, Scene, SceneParts, Silent};
+    use catoptric_solution::Quality;
+    use catoptric_trace::sequence::{Key, Purpose};
+
+    fn standard() -> RefineParams {
+        SolveParams::for_quality(Quality::Standard).sources
+    }
 
     /// Light that few samples miss, calm or not as its place says.
     struct Missed;
 
     impl Field for Missed {
-        fn evaluate(&self, draft: &Draft, vertex: u32, _: Known, calm: bool) -> (Rgb, bool) {
-            let is_calm = draft.vertices[vertex as usize].position.x < 0.0;
-            (if calm { Rgb::ZERO } else { Rgb::ONE }, is_calm)
+        fn evaluate(&self, draft: &Draft, vertex: u32, _: Known, look: Look) -> Found {
+            let calm = draft.vertices[vertex as usize].position.x < 0.0;
+            Found { value: if look == Look::Calm { Rgb::ZERO } else { Rgb::ONE }, calm, ..Found::default() }
         }
 
-        fn evaluate_inside(&self, _: &Draft, _: u32, _: bool) -> Rgb {
+        fn evaluate_inside(&self, _: &Draft, _: u32, _: Look) -> Rgb {
             Rgb::ONE
         }
+    }
+
+    /// Even light with noise, of which the usual samples leave this share: all of it is known, or none.
+    struct Noisy {
+        deviation: f32,
+        is_known: bool,
+    }
+
+    impl Field for Noisy {
+        fn evaluate(&self, _: &Draft, vertex: u32, _: Known, look: Look) -> Found {
+            let deviation = self.deviation * libm::powf(look.times() as f32, -0.75);
+            // Even between −√3 and √3: of variance one.
+            let noise = (Key::new(0, Purpose::Test, u64::from(vertex)).uniform(0) - 0.5) * libm::sqrtf(12.0);
+            let variance = if self.is_known { 3.0 * deviation * deviation } else { 0.0 };
+            let value = Rgb::splat(1.0 + noise * deviation);
+            Found { value, calm: false, variance, times: look.times() }
+        }
+
+        fn evaluate_inside(&self, _: &Draft, _: u32, _: Look) -> Rgb {
+            Rgb::ONE
+        }
+    }
+
+    #[test]
+    fn noise_that_is_known_splits_no_edges() {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        parts.add_quad("floor", white, Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let spacing = 0.4;
+        let vertices = |is_known: bool| {
+            let mut draft = Draft::new(&tracer, spacing);
+            let before = draft.active_vertices().iter().filter(|&&used| used).count();
+            let params = RefineParams { blur: 0.03 * spacing, ..standard() };
+            let field = Noisy { deviation: 0.024, is_known };
+            refine(&tracer, &mut draft, &field, &mut Values::default(), &params, &Silent)
+                .expect("not stopped");
+            [before, draft.active_vertices().iter().filter(|&&used| used).count()]
+        };
+        let [[before, known], [_, unknown]] = [true, false].map(vertices);
+        // Four times the samples leave a 2.8th of the noise, 0.0085; no middle is off the mean of its ends by more than 2 √3 times that, and
+        // 0.03 is left alone.
+        assert_eq!(known, before);
+        // Of the noise of the usual samples, √1.5 · 0.024 is usual: every third edge is split.
+        assert!(unknown > 2 * before, "{before} became {unknown}");
+    }
+
+    #[test]
+    fn samples_grow_with_noise_and_halve_with_edges() {
+        let params = RefineParams { blur: 0.03, ..standard() };
+        let times = |deviation: f32, taken: u32, length: f32| {
+            let variance = 3.0 * deviation * deviation;
+            let mut around = Around::default();
+            around.add(&Found { value: Rgb::ONE, calm: false, variance, times: taken }, length);
+            around.times(0.0, &params)
+        };
+        // A hundredth of the light is left alone: above it by 2^(3/4), twice the samples are taken.
+        assert_eq!([0.0, 0.01, 0.0101, 0.0169, 0.02, 1.0].map(|d| times(d, 1, 1.0)), [1, 1, 2, 4, 4, 16]);
+        assert_eq!(times(0.04, 1, 0.25), 1);
+        // What four times the samples left of that noise.
+        assert_eq!(times(0.0169 / libm::powf(4.0, 0.75), 4, 1.0), 4);
+        // What many samples found without noise, few might not.
+        assert_eq!([1, 2, 8, 16].map(|taken| times(0.0, taken, 1.0)), [1, 1, 4, 8]);
     }
 
     /// What one lamp is uneven for may be missed of another by few samples: neither that nor its neighbours go with a look.
@@ -454,7 +683,7 @@ mod tests {
         let tracer = Tracer::new(&scene);
         let (draft, _) = coarse_patches(&tracer, 200);
         let mut values = Values::default();
-        values.extend(&draft, &Missed, &Silent).expect("not cancelled");
+        values.extend(&draft, &Missed, &standard(), &Silent).expect("not cancelled");
         let is_calm = |v: u32| draft.vertices[v as usize].position.x < 0.0;
         let mut beside = vec![false; draft.vertices.len()];
         for (a, b) in draft.edges() {

@@ -242,7 +242,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let field = SourceField::new(&lights, params, base_vertices);
     let budget = SHARED_PER_TRIANGLE * params.base_triangles;
     let sharing = Sharing::new(tracer, &draft, spacing, SOURCE_CELL * spacing, budget, &[]);
-    let mut values = Values { sharing, ..Values::default() };
+    let mut values = Values::new(sharing);
     let source_params = RefineParams {
         min_edge: tracer.diagonal() / 2000.0,
         inside_edge: INSIDE_EDGE * spacing,

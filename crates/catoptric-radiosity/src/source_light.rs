@@ -15,7 +15,7 @@ use crate::detail::{Detail, Details};
 use crate::display::Displayed;
 use crate::draft::{Draft, drawn_inside};
 use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit, variance_of_halves};
-use crate::refine::{Field, Known, mean};
+use crate::refine::{Field, Found, Known, Look, mean};
 use crate::solve::SolveParams;
 
 /// Light of sources at a vertex.
@@ -28,6 +28,8 @@ pub(crate) struct SourceLight {
     pub(crate) sky: Rgb,
     /// No source is partly blocked, as far as the samples tell.
     pub(crate) calm: bool,
+    /// Times the usual samples that it took.
+    pub(crate) times: u32,
     /// Shadow rays that it took.
     pub(crate) rays: u32,
     /// Variance of direct and of mirrored light and of the sky's, channels added, as far as the samples tell.
@@ -120,14 +122,14 @@ impl<'a> SourceField<'a> {
         &self,
         receiver: &Receiver,
         known: Known,
-        calm: bool,
+        look: Look,
         key: Key,
     ) -> (SourceLight, Option<SkyView>) {
         let mut scratch = self.scratch.lock().ok().and_then(|mut all| all.pop()).unwrap_or_default();
         scratch.rays = 0;
-        let mut light = SourceLight { calm: true, ..SourceLight::default() };
+        let mut light = SourceLight { calm: true, times: look.times(), ..SourceLight::default() };
         if self.lights.has_sources() {
-            let found = area_sources(self.lights, receiver, self.params.shadow_rays, calm, key, &mut scratch);
+            let found = area_sources(self.lights, receiver, self.params.shadow_rays, look, key, &mut scratch);
             [light.direct, light.mirrored] = found.map(|f| f.irradiance);
             [light.noise[0], light.noise[1]] = found.map(|f| variance_of_halves(f.split));
             light.calm = found.iter().all(|f| f.even);
@@ -166,28 +168,29 @@ fn area_sources(
     lights: &Lights,
     receiver: &Receiver,
     count: u32,
-    calm: bool,
+    look: Look,
     key: Key,
     scratch: &mut Scratch,
 ) -> [SourceIrradiance; 2] {
-    let samples = Samples { calm, ..Samples::from(count) };
+    let samples = Samples { calm: look == Look::Calm, ..Samples::from(count * look.times()) };
     let direct = lights.direct(receiver, samples, key, scratch);
     let mirrored = lights.mirrored(receiver, samples, direct.irradiance, key.child(1), scratch);
     [direct, mirrored]
 }
 
 impl Field for SourceField<'_> {
-    fn evaluate(&self, draft: &Draft, vertex: u32, known: Known, calm: bool) -> (Rgb, bool) {
+    fn evaluate(&self, draft: &Draft, vertex: u32, known: Known, look: Look) -> Found {
         let receiver = draft.receiver(self.lights.tracer(), vertex);
         let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
-        let (light, view) = self.light(&receiver, known, calm, key);
+        let (light, view) = self.light(&receiver, known, look, key);
         if let (Some(view), Ok(mut fresh)) = (view, self.fresh.lock()) {
             fresh.push((vertex, view));
         }
         if let Ok(mut found) = self.found.lock() {
             found.push((vertex, light));
         }
-        (light.sum(), light.calm)
+        let variance = light.noise[0] + light.noise[1];
+        Found { value: light.sum(), calm: light.calm, variance, times: look.times() }
     }
 
     fn learns(&self) -> bool {
@@ -204,10 +207,10 @@ impl Field for SourceField<'_> {
         }
     }
 
-    fn evaluate_inside(&self, draft: &Draft, leaf: u32, calm: bool) -> Rgb {
+    fn evaluate_inside(&self, draft: &Draft, leaf: u32, look: Look) -> Rgb {
         let receiver = draft.receiver_in_leaf(self.lights.tracer(), leaf, [1.0 / 3.0; 3]);
         let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(leaf) | 1 << 44);
-        self.light(&receiver, Known::At(&draft.leaves[leaf as usize].vertices), calm, key).0.sum()
+        self.light(&receiver, Known::At(&draft.leaves[leaf as usize].vertices), look, key).0.sum()
     }
 }
 
@@ -260,8 +263,8 @@ const FINE: f32 = 0.01;
 struct FitPoints {
     /// Points inside elements, …
     inside: Vec<FitSample>,
-    /// … and whether all that is known around each of them is calm.
-    calm: Vec<bool>,
+    /// … and how closely to look there.
+    looks: Vec<Look>,
     /// The middles of edges that refinement has looked at and left whole, and their vertices.
     middles: Vec<(FitSample, u32)>,
 }
@@ -281,9 +284,9 @@ impl SourceField<'_> {
         if !self.lights.has_sources() && !self.lights.has_skylight() {
             return Ok(());
         }
-        let FitPoints { inside: mut samples, calm, middles } =
+        let FitPoints { inside: mut samples, looks, middles } =
             self.fit_points(draft, displayed, asked, sources, spacing);
-        let mut found = self.light_inside(draft, displayed, &samples, &calm, progress);
+        let mut found = self.light_inside(draft, displayed, &samples, &looks, progress);
         samples.extend(middles.iter().map(|m| m.0));
         let terms = |s: &SourceLight| [s.direct, s.mirrored, s.sky];
         found.extend(middles.iter().map(|m| terms(&sources[m.1 as usize])));
@@ -333,7 +336,7 @@ impl SourceField<'_> {
         let whole = 0.5 * spacing * spacing;
         let sums: Vec<Rgb> = sources.iter().map(SourceLight::sum).collect();
         let floor = (params.sources.floor * mean(draft, &sums)).max(f32::MIN_POSITIVE);
-        let mut points = FitPoints { inside: Vec::new(), calm: Vec::new(), middles: Vec::new() };
+        let mut points = FitPoints { inside: Vec::new(), looks: Vec::new(), middles: Vec::new() };
         for element in 0..mesh.elements.len() as u32 {
             let corners = mesh.elements[element as usize].vertices.map(|v| displayed.origin[v as usize]);
             let area = mesh.area(element);
@@ -361,7 +364,9 @@ impl SourceField<'_> {
             let count = if even && points.middles.len() == first + 3 { 0 } else { count };
             let share = area / (count as usize + points.middles.len() - first).max(1) as f32;
             points.middles[first..].iter_mut().for_each(|m| m.0.area = share);
-            points.calm.extend((0..count).map(|_| calm_around));
+            let times = corners.iter().map(|&v| sources[v as usize].times).min();
+            let look = if calm_around { Look::Calm } else { Look::Close(times.unwrap_or(1).max(1)) };
+            points.looks.extend((0..count).map(|_| look));
             points.inside.extend((0..count).map(|index| {
                 let weights = drawn_inside(triangle_point(key.point2(index)));
                 FitSample { element, weights, area: share }
@@ -376,17 +381,17 @@ impl SourceField<'_> {
         draft: &Draft,
         displayed: &Displayed,
         points: &[FitSample],
-        calm: &[bool],
+        looks: &[Look],
         progress: &dyn Progress,
     ) -> Vec<[Rgb; 3]> {
         let count = self.params.fit_rays;
         points
             .par_iter()
-            .zip(calm)
+            .zip(looks)
             .enumerate()
             .with_min_len(JOB)
             .with_max_len(JOB)
-            .map_init(Scratch::default, |scratch, (index, (point, &calm))| {
+            .map_init(Scratch::default, |scratch, (index, (point, &look))| {
                 if progress.is_cancelled() {
                     return [Rgb::ZERO; 3];
                 }
@@ -395,7 +400,7 @@ impl SourceField<'_> {
                     draft.receiver_inside(lights.tracer(), displayed, point.element, point.weights);
                 let key = Key::new(self.params.seed, Purpose::Emitter, index as u64 | 1 << 40);
                 let [direct, mirrored] =
-                    area_sources(lights, &receiver, count, calm, key, scratch).map(|f| f.irradiance);
+                    area_sources(lights, &receiver, count, look, key, scratch).map(|f| f.irradiance);
                 let sky = if lights.has_skylight() {
                     let element = &displayed.mesh.elements[point.element as usize];
                     let around = element.vertices.map(|v| displayed.origin[v as usize]);
