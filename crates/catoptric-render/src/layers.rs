@@ -57,6 +57,12 @@ impl LightLayers {
         self.values.iter().copied().sum()
     }
 
+    /// Whether sources themselves are in it, seen either way.
+    pub fn shows_sources(&self) -> bool {
+        let emission = LightLayer::Emission as usize;
+        [emission, emission + CLASSES].iter().any(|&layer| self.values[layer] != Rgb::ZERO)
+    }
+
     /// Adds another sample.
     #[inline]
     pub fn accumulate(&mut self, other: &Self) {

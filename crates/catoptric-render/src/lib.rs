@@ -8,6 +8,7 @@ pub mod lines;
 mod needs;
 pub mod pixel;
 pub mod render;
+mod thin;
 
 pub use direct::DirectLight;
 pub use render::{RenderParams, RenderReport, Rendered, render};
