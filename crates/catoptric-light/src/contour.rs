@@ -139,7 +139,7 @@ pub fn cut(corners: &mut Vec<DVec3>, normal: DVec3, offset: f64, spare: &mut Vec
 
 /// Visits the corners of the part of a polygon whose `height` is not below zero, in space or in a plane (Sutherland & Hodgman 1974).
 #[inline]
-pub(crate) fn clip<P: Copy>(
+pub fn clip<P: Copy>(
     corners: &[P],
     height: impl Fn(P) -> f64,
     lerp: impl Fn(P, P, f64) -> P,

@@ -57,10 +57,10 @@ impl LightLayers {
         self.values.iter().copied().sum()
     }
 
-    /// Whether sources themselves are in it, seen either way.
-    pub fn shows_sources(&self) -> bool {
+    /// Light of the sources themselves, seen either way.
+    pub fn emission(&self) -> Rgb {
         let emission = LightLayer::Emission as usize;
-        [emission, emission + CLASSES].iter().any(|&layer| self.values[layer] != Rgb::ZERO)
+        self.values[emission] + self.values[emission + CLASSES]
     }
 
     /// Adds another sample.

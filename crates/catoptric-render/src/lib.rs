@@ -6,9 +6,9 @@ pub mod direct;
 pub mod layers;
 pub mod lines;
 mod needs;
+mod outlines;
 pub mod pixel;
 pub mod render;
-mod thin;
 
 pub use direct::DirectLight;
 pub use render::{RenderParams, RenderReport, Rendered, render};

@@ -63,8 +63,10 @@ pub struct Sample {
     pub lines: f32,
     /// Samples on a grid of its own that a pixel is made of; none if it is the ray through its centre.
     pub samples: u32,
-    /// Sum of their squared luminances.
+    /// Sum of the squared luminances of what they count.
     pub squares: f32,
+    /// Sums of these luminances on either side of a lamp's outline that crosses the pixel, by which it is stratified; `None` if none does.
+    pub sides: Option<[f32; 2]>,
     /// The first hit; `None` for the sky.
     pub first: Option<Hit>,
     /// Hash of what was met along all but the faintest branches: samples that differ in it straddle an edge.
@@ -82,6 +84,7 @@ impl Sample {
         lines: 0.0,
         samples: 0,
         squares: 0.0,
+        sides: None,
         first: None,
         trail: 0,
         curved: false,
@@ -94,7 +97,12 @@ impl Sample {
             return 0.0;
         }
         let (count, mean) = (self.samples as f32, self.light.beauty().dot(LUMINANCE));
-        let variance = (self.squares - count * mean * mean).max(0.0) / (count - 1.0);
+        // Half of the samples are on each side.
+        let (between, means) = match self.sides {
+            None => (count * mean * mean, 1.0),
+            Some([inside, outside]) => ((inside * inside + outside * outside) / (0.5 * count), 2.0),
+        };
+        let variance = (self.squares - between).max(0.0) / (count - means).max(1.0);
         variance.sqrt() / (mean + DARK * exposure)
     }
 }
@@ -173,6 +181,7 @@ impl Eye<'_> {
             lines,
             samples: 0,
             squares: 0.0,
+            sides: None,
             first,
             trail,
             curved,

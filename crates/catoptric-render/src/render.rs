@@ -4,8 +4,8 @@
 //! bright and missed would stay so. (A neighbour's second look may depend on a pixel's own first: by measurement, 1e-5 of a picture's light.)
 //! A first ray through each pixel's centre leaves a trail of what it met; pixels whose trail differs
 //! from a neighbour's, or whose radiance bends, are sampled again on a grid of their own, and the first ray is not used.
-//! As long as their neighbours turn out noisy, they are sampled more. Where a lamp may pass between centres, pixels are sampled
-//! whatever these met. Along what else is thinner than a pixel and passes between
+//! As long as their neighbours turn out noisy, they are sampled more. Where the outline of a lamp crosses a pixel, both sides are strata; where
+//! a lamp may pass between centres, pixels are sampled whatever these met. Along what else is thinner than a pixel and passes between
 //! centres, pixels are sampled because those before are noisy.
 //! Pixels in or beside a penumbra that shadow rays found are sampled again through the centre, by more of them.
 
@@ -27,8 +27,8 @@ use crate::direct::{DirectLight, ShadowRays};
 use crate::layers::{LightLayers, NAMES};
 use crate::lines::{Footprint, LAYER as LINES};
 use crate::needs::{Need, mean_luminance, needs};
+use crate::outlines::{Cut, Outlines};
 use crate::pixel::{Eye, FirstHit, Sample};
-use crate::thin::thin_lamps;
 
 /// Parameters of pass two.
 #[derive(Clone, Debug, PartialEq)]
@@ -153,9 +153,15 @@ pub fn render(
     let strong = counts[0].saturating_mul(STRONG).min(counts[counts.len() - 1]);
     let exposure = mean_luminance(&pixels);
     let mut needs = needs(&pixels, width, height, params.contrast, exposure);
-    for index in thin_lamps(&lights, camera, (width, height), |index| !pixels[index].light.shows_sources()) {
-        needs[index] = Need::Samples;
+    let outlines = Outlines::new(&lights, camera, (width, height));
+    for thin in outlines.thin() {
+        if pixels[thin.pixel].light.emission().dot(LUMINANCE) < 0.5 * thin.luminance {
+            needs[thin.pixel] = Need::Samples;
+        }
     }
+    let resample = |at: (usize, usize), fresh: Range<u32>, pixel: &mut Sample, scratch: &mut Scratch| {
+        resample(&eye, camera, params, outlines.cut(at.1 * width + at.0), at, fresh, pixel, scratch);
+    };
     for_pixels(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
         Need::Nothing => {}
         Need::Shadows => {
@@ -163,8 +169,8 @@ pub fn render(
             pixel.light =
                 shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 1), sample, scratch).light;
         }
-        Need::FewSamples => resample(&eye, camera, params, at, 0..counts[0], pixel, scratch),
-        Need::Samples => resample(&eye, camera, params, at, 0..strong, pixel, scratch),
+        Need::FewSamples => resample(at, 0..counts[0], pixel, scratch),
+        Need::Samples => resample(at, 0..strong, pixel, scratch),
     })?;
     // What is thinner than a pixel passes between the centres of some.
     let limit = THIN * params.noise * strong as f32;
@@ -179,7 +185,7 @@ pub fn render(
             .with_max_len(JOB)
             .map_init(Scratch::default, |scratch, &index| {
                 let (mut pixel, at) = (pixels[index], (index % width, index / width));
-                resample(&eye, camera, params, at, 0..strong, &mut pixel, scratch);
+                resample(at, 0..strong, &mut pixel, scratch);
                 pixel
             })
             .collect();
@@ -196,7 +202,7 @@ pub fn render(
         let noisy = beside_noise(&pixels, width, known, params.noise, exposure);
         for_pixels(&mut pixels, width, progress, |at, pixel, scratch| {
             if noisy[at.1 * width + at.0] {
-                resample(&eye, camera, params, at, known..more, pixel, scratch);
+                resample(at, known..more, pixel, scratch);
             }
         })?;
     }
@@ -268,12 +274,16 @@ const STRONG: u32 = 4;
 /// their first ray met. A slit or a wire is a row of them, a plain edge of usual contrast is not.
 const THIN: f32 = 2.0;
 
+/// Child of a pixel's key for the ray that looks whether a lamp is seen.
+const INSIDE: u32 = 1 << 17;
+
 /// Replaces the light of a pixel by the mean of samples on a grid of its own (box filter), or adds the `fresh` ones among
-/// them to the mean of those before.
+/// them to the mean of those before. Where the outline of a lamp that is seen cuts the pixel, half of them are inside.
 fn resample(
     eye: &Eye,
     camera: &Camera,
     params: &RenderParams,
+    cut: Option<&Cut>,
     at: (usize, usize),
     fresh: Range<u32>,
     pixel: &mut Sample,
@@ -285,18 +295,31 @@ fn resample(
     if fresh.start == 0 {
         pixel.light = LightLayers::default();
         (pixel.lines, pixel.squares) = (0.0, 0.0);
+        // Something else may be before the lamp.
+        let shows = |cut: &&Cut| {
+            let (place, sample) = (cut.inside(), (key.child(INSIDE), 0));
+            shoot(eye, camera, params, at, (place.x, place.y), None, sample, scratch).light.emission()
+                != Rgb::ZERO
+        };
+        pixel.sides = cut.filter(shows).map(|_| [0.0; 2]);
     }
+    let cut = cut.filter(|_| pixel.sides.is_some());
     pixel.light.scale(known);
     pixel.lines *= known;
     pixel.samples = fresh.end;
     let eye = &Eye { params: eye.params.for_one_of(fresh.end), ..*eye };
     for index in fresh {
-        let offset = key.point2(index);
-        let sample = shoot(eye, camera, params, at, (offset.x, offset.y), rays, (key, index), scratch);
+        let point = key.point2(index);
+        let (offset, side, weight) = cut.map_or((point, 0, 1.0), |cut| cut.place(point));
+        let mut sample = shoot(eye, camera, params, at, (offset.x, offset.y), rays, (key, index), scratch);
+        sample.light.scale(weight);
         pixel.light.accumulate(&sample.light);
-        pixel.lines += sample.lines;
+        pixel.lines += sample.lines * weight;
         let luminance = sample.light.beauty().dot(LUMINANCE);
         pixel.squares += luminance * luminance;
+        if let Some(sides) = &mut pixel.sides {
+            sides[side] += luminance;
+        }
     }
     pixel.light.scale(1.0 / count);
     pixel.lines /= count;
