@@ -69,7 +69,6 @@ impl Outlines {
         cells.truncate(MOST_LOOKS);
         let each = (cells.len() + emitters.lamps().len()).max(1);
         let views = (MOST_LOOKS / each).max(1) - 1;
-        let most = (MOST_PIXELS * (size.0 * size.1) as f64) as usize;
 
         let mut outlines = Self::default();
         let straight = View::new(lights, camera, size);
@@ -95,16 +94,14 @@ impl Outlines {
                     );
                 }
             }
-            if outlines.crossed.len() > most {
-                break;
-            }
         }
         outlines
     }
 
     /// Adds an outline in pixels.
     fn add(&mut self, outline: &[DVec2], luminance: f32, size: (usize, usize)) {
-        if outline.len() < 3 {
+        let most = (MOST_PIXELS * (size.0 * size.1) as f64) as usize;
+        if outline.len() < 3 || self.crossed.len() > most {
             return;
         }
         let mut pixels = Vec::new();
