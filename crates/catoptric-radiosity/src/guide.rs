@@ -55,8 +55,12 @@ impl Findings {
     /// Adds the radiance that the ray from `point` of the unit square found.
     #[inline]
     pub fn add(&mut self, point: Vec2, radiance: f32) {
-        let [x, y] = [point.x, point.y].map(|c| ((c * SIDE as f32) as usize).min(SIDE - 1));
-        self.0[x * SIDE + y].add(Cell([1.0, radiance, radiance * radiance]), 1.0);
+        self.0[cell_of(point)].add(Cell([1.0, radiance, radiance * radiance]), 1.0);
+    }
+
+    /// Variance of one ray beside that between the cells.
+    pub fn variance(&self) -> f32 {
+        self.0.iter().map(|cell| cell.variance()).sum::<f32>() / CELLS as f32
     }
 
     /// Adds all that others found.
@@ -85,6 +89,31 @@ impl Findings {
     }
 }
 
+/// What is known of the light besides, by cell: its part of the variance of one ray, whose radiance is in all channels.
+#[derive(Clone, Debug)]
+pub struct Hints([f32; CELLS]);
+
+impl Default for Hints {
+    fn default() -> Self {
+        Self([0.0; CELLS])
+    }
+}
+
+impl Hints {
+    /// Adds to the variance of one ray what comes from a point of the unit square.
+    #[inline]
+    pub fn add(&mut self, point: Vec2, variance: f32) {
+        self.0[cell_of(point)] += variance;
+    }
+}
+
+/// The cell that holds a point of the unit square.
+#[inline]
+fn cell_of(point: Vec2) -> usize {
+    let [x, y] = [point.x, point.y].map(|c| ((c * SIDE as f32) as usize).min(SIDE - 1));
+    x * SIDE + y
+}
+
 /// A density of rays over the unit square, even inside each cell.
 #[derive(Clone, Debug)]
 pub struct Guide {
@@ -98,11 +127,13 @@ pub struct Guide {
 }
 
 impl Guide {
-    /// The guide that others' findings suggest; `expected`: the irradiance that they found in all.
-    pub fn new(findings: &Findings, expected: Gathered) -> Self {
+    /// The guide that others' findings and hints suggest; `expected`: the irradiance that the others found in all.
+    pub fn new(findings: &Findings, hints: &Hints, expected: Gathered) -> Self {
         let cells = findings.spread().0;
-        let deviations = cells.map(|cell| cell.variance().sqrt());
         let even = 1.0 / CELLS as f32;
+        // Of one ray in the cell: what is hinted at may have been found.
+        let deviations: [f32; CELLS] =
+            std::array::from_fn(|cell| cells[cell].variance().max(hints.0[cell] / even).sqrt());
         let total: f32 = deviations.iter().sum();
         let share = |cell: usize| {
             if total > 0.0 { EVERYWHERE * even + (1.0 - EVERYWHERE) * deviations[cell] / total } else { even }
@@ -224,8 +255,10 @@ mod tests {
 
     #[test]
     fn guided_rays_find_the_same_with_less_noise() {
-        let [even, guided] =
-            [errors(|_| None), errors(|run| Some(Guide::new(&findings(run), Gathered::default())))];
+        let [even, guided] = [
+            errors(|_| None),
+            errors(|run| Some(Guide::new(&findings(run), &Hints::default(), Gathered::default()))),
+        ];
         // Within three standard errors of the truth, and a third of the variance at most.
         for [mean, square] in [even, guided] {
             assert!((mean - EXACT).abs() < 3.0 * (square / 400.0).sqrt(), "{mean} of {EXACT}");
@@ -238,7 +271,7 @@ mod tests {
         // A guide that has seen many rays: spread cells overstate both deviations, by the same cause.
         let mut all = Findings::default();
         (0..50).for_each(|run| all.merge(&findings(run)));
-        let guide = Guide::new(&all, Gathered::default());
+        let guide = Guide::new(&all, &Hints::default(), Gathered::default());
         let measured =
             [errors(|_| None), errors(|_| Some(guide.clone()))].map(|[_, square]| (square * 64.0).sqrt());
         let expected = [guide.even_deviation(), guide.deviation()];
@@ -250,7 +283,7 @@ mod tests {
 
     #[test]
     fn without_findings_all_directions_are_alike() {
-        let guide = Guide::new(&Findings::default(), Gathered::default());
+        let guide = Guide::new(&Findings::default(), &Hints::default(), Gathered::default());
         assert_eq!([guide.mean(), guide.deviation(), guide.even_deviation()], [0.0; 3]);
         for index in 0..256 {
             let point = key(1).point2(index);

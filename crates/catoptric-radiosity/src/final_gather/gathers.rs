@@ -15,12 +15,13 @@ use crate::display::Displayed;
 use crate::draft::{Draft, drawn_inside};
 use crate::fit::FitSample;
 use crate::gather::{DiffuseLight, Gathered, Witness, gather_part};
-use crate::guide::{Findings, Guide};
+use crate::guide::{Findings, Guide, Hints};
 use crate::hats::{Hats, POINTS_AROUND};
 use crate::sharing::Sharing;
 use crate::solve::SolveParams;
 
 use super::links::{Linking, Links};
+use super::spots::Spots;
 
 /// Irradiance below this share of the scene's mean counts as that much where rays are shared out.
 const FLOOR: f32 = 0.005;
@@ -38,6 +39,8 @@ const AROUND_LEAD: u64 = 1 << 45;
 /// … and of the points at which they are.
 const SAMPLES: u64 = 1 << 42;
 const AROUND: u64 = 1 << 47;
+/// … and of the looks for bright places.
+const SPOTS: u64 = 1 << 46;
 
 /// A final gather: where it is done, and with what.
 pub(super) struct Gathers<'a> {
@@ -254,14 +257,21 @@ impl<'a> Gathers<'a> {
 
     /// The guides of the vertices that gather for themselves, by what their neighbours found. A vertex's own rays have no say in
     /// it, or those that missed what is bright would be content.
-    pub(super) fn guides(&self, vertices: &Vertices) -> Vec<Guide> {
+    pub(super) fn guides(&self, vertices: &Vertices, spots: &Spots) -> Vec<Guide> {
         let Displayed { mesh, origin, .. } = &self.displayed;
         let beside = |&i: &u32| {
             let around = self.hats.around(origin[i as usize]).iter();
             let others = around.flat_map(|&e| mesh.elements[e as usize].vertices).filter(|&other| other != i);
-            vertices.guide(others)
+            let receiver = self.draft.gatherer(self.lights.tracer(), origin[i as usize]);
+            vertices.guide(others, |known| self.hints(spots, &receiver, known, u64::from(origin[i as usize])))
         };
         vertices.own.par_iter().with_max_len(JOB).map(beside).collect()
+    }
+
+    /// Where small bright places are seen from a gather, if they add to the variance of a ray that is known.
+    fn hints(&self, spots: &Spots, receiver: &Receiver, known: f32, entity: u64) -> Hints {
+        let key = Key::new(self.params.seed, Purpose::Hemisphere, entity | SPOTS);
+        spots.seen_from(self.lights.tracer(), receiver, known, key)
     }
 
     /// How many rays go where, by what the vertices found. `sources`: light of the sources per draft vertex; `mean`: of all light.
@@ -343,6 +353,7 @@ impl<'a> Gathers<'a> {
         light: &DiffuseLight,
         samples: &[FitSample],
         vertices: &Vertices,
+        spots: &Spots,
         budget: &Budget,
     ) -> Inside {
         let (gathered, rays) = samples
@@ -354,11 +365,12 @@ impl<'a> Gathers<'a> {
                 let receiver =
                     self.draft.receiver_inside(self.lights.tracer(), &self.displayed, s.element, s.weights);
                 let corners = self.displayed.mesh.elements[s.element as usize].vertices;
-                let guide = vertices.guide(corners.into_iter());
+                let entity = index as u64 | AT_SAMPLE;
+                let guide =
+                    vertices.guide(corners.into_iter(), |known| self.hints(spots, &receiver, known, entity));
                 let least = corners.iter().map(|&v| budget.least[v as usize]).fold(f32::INFINITY, f32::min);
                 let rays = budget.allocation.rays(self.params.gather_rays, budget.deviation(&guide, least));
                 let rays = if self.at_once { rays.max(CONTROLLED_RAYS) } else { rays };
-                let entity = index as u64 | AT_SAMPLE;
                 (self.gather(light, &receiver, 0..rays, Some(&guide), entity, &mut ()), rays)
             })
             .unzip();
@@ -366,7 +378,7 @@ impl<'a> Gathers<'a> {
     }
 
     /// The guide of a vertex that samples for others, by what it and those that share with its neighbours found.
-    fn lead_guide(&self, vertices: &Vertices, lead: u32) -> Guide {
+    fn lead_guide(&self, vertices: &Vertices, spots: &Spots, lead: u32) -> Guide {
         let Displayed { mesh, origin, .. } = &self.displayed;
         let sharing = self.shared.sharing;
         let around = self.hats.around(lead).iter().flat_map(|&e| mesh.elements[e as usize].vertices);
@@ -384,18 +396,20 @@ impl<'a> Gathers<'a> {
             .collect();
         beside.sort_unstable();
         beside.dedup();
-        vertices.guide(beside.into_iter())
+        let receiver = self.draft.gatherer(self.lights.tracer(), lead);
+        let entity = u64::from(lead) | AROUND_LEAD;
+        vertices.guide(beside.into_iter(), |known| self.hints(spots, &receiver, known, entity))
     }
 
     /// Shared vertices have no points inside: those that sample for the others gather once more.
-    pub(super) fn lead(&self, light: &DiffuseLight, vertices: &mut Vertices, budget: &Budget) {
+    pub(super) fn lead(&self, light: &DiffuseLight, vertices: &mut Vertices, spots: &Spots, budget: &Budget) {
         let leads = self.shared.sharing.leads();
         let again: Vec<Gathered> = leads
             .par_iter()
             .with_min_len(4)
             .with_max_len(JOB)
             .map(|&v| {
-                let guide = self.lead_guide(vertices, v);
+                let guide = self.lead_guide(vertices, spots, v);
                 let least = budget.least[self.shared.shown[v as usize] as usize];
                 // Never fewer than usual: no points inside and no fit smooth what they find.
                 let usual = self.params.gather_rays;
@@ -433,7 +447,7 @@ impl Vertices {
     }
 
     /// The guide by what some display vertices found.
-    fn guide(&self, vertices: impl Iterator<Item = u32>) -> Guide {
+    fn guide(&self, vertices: impl Iterator<Item = u32>, hints: impl FnOnce(f32) -> Hints) -> Guide {
         let (mut all, mut sum, mut count) = (Findings::default(), Gathered::default(), 0.0_f32);
         for v in vertices {
             if let Some(own) = self.findings.get(self.place[v as usize] as usize) {
@@ -444,7 +458,7 @@ impl Vertices {
         }
         let mut expected = Gathered::default();
         expected.add(&sum, 1.0 / count.max(1.0));
-        Guide::new(&all, expected)
+        Guide::new(&all, &hints(all.variance()), expected)
     }
 }
 

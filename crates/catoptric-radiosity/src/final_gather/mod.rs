@@ -1,10 +1,11 @@
 //! The final gather: light that other diffuse surfaces send, at the vertices and inside the elements of a mesh, fitted, and
 //! corrected by what it found beyond what it saw.
 //!
-//! The file `gathers` sends the rays, `links` keeps what those of the vertices met.
+//! The file `gathers` sends the rays, `links` keeps what those of the vertices met, `spots` knows what is small and bright.
 
 mod gathers;
 mod links;
+mod spots;
 
 use catoptric_light::Lights;
 use catoptric_scene::{Cancelled, Progress, Rgb};
@@ -21,6 +22,7 @@ use crate::solve::SolveParams;
 use crate::solver::{SolverParams, spread_error};
 
 use gathers::{Gathers, Vertices};
+use spots::Spots;
 
 /// Patch values at the vertices of the draft: means over the base triangles around, then along the hierarchy.
 pub(crate) fn spread(draft: &Draft, patches: &PatchMesh, values: &[Rgb]) -> Vec<Rgb> {
@@ -183,7 +185,8 @@ pub(crate) fn final_gather(
     let light = DiffuseLight { mesh, irradiance: &irradiance };
     let mut vertices = gathers.look(&light);
     // All guides stand before the first vertex finds more.
-    let guides = gathers.guides(&vertices);
+    let spots = Spots::new(lights.tracer(), sight, coarse.patches, &irradiance);
+    let guides = gathers.guides(&vertices, &spots);
     let sources = sight.at_gathers(sight.sources);
     let budget = gathers.budget(&vertices, &guides, &sources, sight.mean(&irradiance));
     gathers.look_again(&light, &mut vertices, &guides, &budget);
@@ -193,8 +196,8 @@ pub(crate) fn final_gather(
     let looked_at = solved(&gathers, sight, &coarse_seen, &mut vertices);
     let irradiance = sight.with(&looked_at);
     let light = DiffuseLight { mesh, irradiance: &irradiance };
-    let inside = gathers.inside(&light, &samples, &vertices, &budget);
-    gathers.lead(&light, &mut vertices, &budget);
+    let inside = gathers.inside(&light, &samples, &vertices, &spots, &budget);
+    gathers.lead(&light, &mut vertices, &spots, &budget);
     if progress.is_cancelled() {
         return Err(Cancelled);
     }
