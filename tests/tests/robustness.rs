@@ -232,7 +232,7 @@ fn a_hundred_thousand_tiny_quads_cost_a_budget() {
     let rays: u64 = dust.report.rays.iter().map(|r| r.1).sum();
     // Of shared vertices and of walls, which get twice the budget among so many. Each vertex by itself, 400 000 would take 16 shadow
     // rays and 96 of a gather, 45 million in all.
-    assert!(rays < 6_000_000, "{rays} rays");
+    assert!(rays < 8_000_000, "{rays} rays");
 }
 
 #[test]

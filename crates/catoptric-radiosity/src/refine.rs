@@ -438,6 +438,32 @@ pub fn refine(
         return Ok(());
     }
     values.resolve(draft, field, params, progress)?;
+    let used = |draft: &Draft| draft.active_vertices().iter().filter(|&&used| used).count();
+    let before = used(draft);
+    halve(tracer, draft, field, values, params, progress)?;
+    // Where there is little to follow, what is less visible is followed, too.
+    let taken = used(draft).saturating_sub(before);
+    if taken as f32 > SPARED * params.max_vertices.saturating_sub(before) as f32 {
+        return Ok(());
+    }
+    let finer = RefineParams { blur: FINER * params.blur, inside_rounds: 0, ..*params };
+    halve(tracer, draft, field, values, &finer, progress)
+}
+
+/// Share of the budget up to which the rest is spent on finer edges, …
+const SPARED: f32 = 0.75;
+/// … and how much finer they are.
+const FINER: f32 = 2.0 / 3.0;
+
+/// Halves edges, round by round.
+fn halve(
+    tracer: &Tracer,
+    draft: &mut Draft,
+    field: &dyn Field,
+    values: &mut Values,
+    params: &RefineParams,
+    progress: &dyn Progress,
+) -> Result<(), Cancelled> {
     let cell = values.sharing.cell();
     let fine = |a: u32, b: u32, length: f32| {
         values.sharing.shares(a) && values.sharing.shares(b) && length < 2.0 * cell
