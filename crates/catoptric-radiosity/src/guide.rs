@@ -136,7 +136,12 @@ impl Guide {
             std::array::from_fn(|cell| cells[cell].variance().max(hints.0[cell] / even).sqrt());
         let total: f32 = deviations.iter().sum();
         let share = |cell: usize| {
-            if total > 0.0 { EVERYWHERE * even + (1.0 - EVERYWHERE) * deviations[cell] / total } else { even }
+            // Neither nothing nor too much to compare.
+            if total > 0.0 && total < f32::INFINITY {
+                EVERYWHERE * even + (1.0 - EVERYWHERE) * deviations[cell] / total
+            } else {
+                even
+            }
         };
         let mut guide = Self {
             rows: [1.0; SIDE + 1],

@@ -21,7 +21,9 @@ use catoptric_trace::sequence::triangle_point;
 /// Width in pixels from which on the centre of some pixel sees a lamp: a square of that width holds an upright one of a pixel.
 const WIDE: f64 = std::f64::consts::SQRT_2;
 /// Lamps and cells, times mirror chains, that are looked at: a few milliseconds.
-const MOST_LOOKS: usize = 1 << 16;
+const MOST_LOOKS: usize = 1 << 14;
+/// Pixels that all outlines together may cross, for each of the picture: lamps may lie behind each other.
+const MOST_CROSSED: usize = 4;
 /// Share of the pixels that are found, at most: in a cloud of sparks, those of the brightest.
 const MOST_PIXELS: f64 = 0.1;
 /// Shares of a pixel on one side of an outline below which the other is all that counts.
@@ -36,7 +38,10 @@ const FAR: f64 = 1e4;
 pub(crate) struct Outlines {
     /// By index, with what of it lies inside the one outline that crosses it; none where there are several.
     crossed: BTreeMap<usize, Option<Cut>>,
+    /// Those that something thinner than a pixel crosses.
     thin: Vec<Thin>,
+    /// Pixels crossed so far, again and again.
+    count: usize,
 }
 
 /// A pixel that a lamp thinner than a pixel crosses.
@@ -100,14 +105,16 @@ impl Outlines {
 
     /// Adds an outline in pixels.
     fn add(&mut self, outline: &[DVec2], luminance: f32, size: (usize, usize)) {
-        let most = (MOST_PIXELS * (size.0 * size.1) as f64) as usize;
-        if outline.len() < 3 || self.crossed.len() > most {
+        let all = size.0 * size.1;
+        let is_full = self.crossed.len() as f64 > MOST_PIXELS * all as f64 || self.count > MOST_CROSSED * all;
+        if outline.len() < 3 || is_full {
             return;
         }
         let mut pixels = Vec::new();
         crossed(outline, size, |index| pixels.push(index));
         pixels.sort_unstable();
         pixels.dedup();
+        self.count += pixels.len();
         for &index in &pixels {
             match self.crossed.entry(index) {
                 Entry::Vacant(entry) => {

@@ -91,7 +91,7 @@ impl RenderParams {
 /// What pass two did.
 #[derive(Clone, Debug, Default)]
 pub struct RenderReport {
-    /// Eye rays.
+    /// Eye rays that the picture is made of, and those through the centres.
     pub samples: u64,
     /// Pixels that were sampled again.
     pub refined_pixels: u64,
