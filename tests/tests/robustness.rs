@@ -231,7 +231,7 @@ fn a_hundred_thousand_tiny_quads_cost_a_budget() {
     assert!(dust.mean() > 0.0);
     let rays: u64 = dust.report.rays.iter().map(|r| r.1).sum();
     // Of shared vertices and of walls, which get twice the budget among so many. Each vertex by itself, 400 000 would take 16 shadow
-    // rays and 96 of a gather, 45 million in all.
+    // rays and 96 of a gather, 45 million in all. Three quarters are shadow rays: the shadows of dust are noise.
     assert!(rays < 8_000_000, "{rays} rays");
 }
 
@@ -244,12 +244,12 @@ fn tens_of_thousands_of_emitters_cost_little_more_than_one() {
     scatter(&mut parts, glow, 10_000, 0.01);
     let many = picture("glowing dust", parts);
     assert!(many.mean() > one.mean());
-    // One lamp is worth as many shadow rays at a vertex as the budget says; ten thousand no more than twice that, or four times as much
-    // where that is noise.
+    // One lamp is worth as many shadow rays at a vertex as the budget says; ten thousand, all of whose light is noise, no more than
+    // refinement spends on noise, six times that (`MEAN_TIMES`).
     let budget = u64::from(SolveParams::for_quality(Quality::Draft).shadow_rays);
     let shadow = many.report.rays.iter().find(|r| r.0 == "shadow").map_or(0, |r| r.1);
     let vertices = many.report.vertices as u64;
-    assert!(shadow < 4 * 2 * budget * vertices, "{shadow} rays at {vertices} vertices");
+    assert!(shadow < 6 * budget * vertices, "{shadow} rays at {vertices} vertices");
     assert!(many.seconds < 30.0, "{} s", many.seconds);
 }
 

@@ -12,6 +12,7 @@ pub mod display;
 pub mod draft;
 pub mod face;
 pub mod face_grid;
+pub mod field;
 mod final_gather;
 pub mod fit;
 pub mod frames;

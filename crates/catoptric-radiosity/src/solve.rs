@@ -12,6 +12,7 @@ use crate::coarse::{CoarseParams, CoarseSolution, MAX_FRAMES, rows_by, solve_coa
 use crate::display::Displayed;
 use crate::draft::Draft;
 use crate::face::faces;
+use crate::field::{Values, mean};
 use crate::final_gather::{Coarse, Sight, final_gather};
 use crate::fit::FitParams;
 use crate::frames::Frames;
@@ -21,7 +22,7 @@ use crate::near::{Near, NearParams};
 use crate::near_light::{NearLight, NearLightParams};
 use crate::patch::{PatchId, PatchMesh};
 use crate::reconstruct::{Cells, Reconstruction, unshared};
-use crate::refine::{RefineParams, Values, mean, refine};
+use crate::refine::{RefineParams, refine};
 use crate::rows::{PatchLocator, Row, rows};
 use crate::sharing::Sharing;
 use crate::solver::{SolverParams, Stop};

@@ -14,8 +14,8 @@ use crate::allocation::HIDDEN_TRUST;
 use crate::detail::{Detail, Details};
 use crate::display::Displayed;
 use crate::draft::{Draft, drawn_inside};
+use crate::field::{Field, Found, Known, Look, mean};
 use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit, variance_of_halves};
-use crate::refine::{Field, Found, Known, Look, mean};
 use crate::solve::SolveParams;
 
 /// Light of sources at a vertex.

@@ -7,14 +7,14 @@
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
-use glam::{DVec2, DVec3, Vec2, Vec3};
+use glam::{Affine3A, DVec2, DVec3, Vec2, Vec3};
 
 use catoptric_light::chains::ImageChain;
 use catoptric_light::emitter::Cell;
 use catoptric_light::lamp::{Outline, Sight};
 use catoptric_light::{Lights, contour};
-use catoptric_scene::Camera;
 use catoptric_scene::quantity::LUMINANCE;
+use catoptric_scene::{Camera, Rgb};
 use catoptric_trace::PlaneId;
 use catoptric_trace::sequence::triangle_point;
 
@@ -80,23 +80,18 @@ impl Outlines {
         let mirrored = lights.chains().chains().iter().take(views).filter_map(|chain| straight.over(chain));
         let mut outline = Outline::default();
         for view in std::iter::once(straight.clone()).chain(mirrored) {
+            let mut add = |corners: &[DVec3], radiance: Rgb| {
+                outlines.add(&view.projected(corners), view.strength * radiance.dot(LUMINANCE), size);
+            };
             for lamp in emitters.lamps() {
                 if lamp.outline(view.eye, view.ahead, PlaneId::NONE, &mut outline) == Sight::Outline {
-                    outlines.add(
-                        &view.projected(&outline.corners),
-                        view.strength * lamp.radiance.dot(LUMINANCE),
-                        size,
-                    );
+                    add(&outline.corners, lamp.radiance);
                 }
             }
             for cell in &cells {
                 let polygon = cell.polygon();
                 if polygon.corners().iter().any(|&c| cell.normal.dot(view.eye - c) > 0.0) {
-                    outlines.add(
-                        &view.projected(polygon.corners()),
-                        view.strength * cell.radiance.dot(LUMINANCE),
-                        size,
-                    );
+                    add(polygon.corners(), cell.radiance);
                 }
             }
         }
@@ -118,10 +113,8 @@ impl Outlines {
         for &index in &pixels {
             match self.crossed.entry(index) {
                 Entry::Vacant(entry) => {
-                    entry.insert(Cut::new(
-                        outline,
-                        DVec2::new((index % size.0) as f64, (index / size.0) as f64),
-                    ));
+                    let corner = DVec2::new((index % size.0) as f64, (index / size.0) as f64);
+                    entry.insert(Cut::new(outline, corner));
                 }
                 Entry::Occupied(mut entry) => {
                     entry.insert(None);
@@ -149,6 +142,7 @@ impl Outlines {
 struct View<'a> {
     lights: &'a Lights<'a>,
     camera: &'a Camera,
+    camera_from_world: Affine3A,
     size: (usize, usize),
     chain: Option<&'a ImageChain>,
     eye: DVec3,
@@ -162,7 +156,16 @@ impl<'a> View<'a> {
         let ahead = camera.world_from_camera.transform_vector3(Vec3::NEG_Z).as_dvec3();
         let eye = camera.world_from_camera.translation.as_dvec3();
         let back = if camera.is_perspective() { 0.0 } else { FAR * f64::from(lights.tracer().diagonal()) };
-        Self { lights, camera, size, chain: None, eye: eye - ahead * back, ahead, strength: 1.0 }
+        Self {
+            lights,
+            camera,
+            camera_from_world: camera.world_from_camera.inverse(),
+            size,
+            chain: None,
+            eye: eye - ahead * back,
+            ahead,
+            strength: 1.0,
+        }
     }
 
     /// Over a chain of mirrors, if its first is turned to the eye.
@@ -175,7 +178,6 @@ impl<'a> View<'a> {
     /// What is in front of the camera of a polygon, in pixels.
     fn projected(&self, corners: &[DVec3]) -> Vec<DVec2> {
         let (mut targets, mut spare) = (Vec::new(), Vec::new());
-        let camera_from_world = self.camera.world_from_camera.inverse();
         let mut corners: Vec<DVec3> = corners
             .iter()
             .map(|&corner| {
@@ -183,7 +185,7 @@ impl<'a> View<'a> {
                     self.lights.chains().targets(chain, corner, &mut targets);
                     targets[0]
                 });
-                camera_from_world.transform_point3(seen).as_dvec3()
+                self.camera_from_world.transform_point3(seen).as_dvec3()
             })
             .collect();
         let near = f64::from(self.camera.near).max(NEAREST);
@@ -199,8 +201,8 @@ impl Cut {
         let turn = if signed_area(outline) < 0.0 { -1.0 } else { 1.0 };
         let mut inside = vec![DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
         let mut parts = [Vec::new(), Vec::new()];
-        for (a, b) in outline.iter().zip(outline.iter().cycle().skip(1)) {
-            let (a, b) = (*a - corner, *b - corner);
+        for (a, b) in edges(outline) {
+            let (a, b) = (a - corner, b - corner);
             // Positive on the side of the outline.
             let height = |p: DVec2| turn * (b - a).perp_dot(p - a);
             if inside.iter().all(|&p| height(p) >= 0.0) {
@@ -260,26 +262,29 @@ fn push_fan(triangles: &mut Vec<[DVec2; 3]>, polygon: &[DVec2]) {
     }
 }
 
+/// The edges of a polygon, from corner to corner.
+fn edges(polygon: &[DVec2]) -> impl Iterator<Item = (DVec2, DVec2)> {
+    polygon.iter().copied().zip(polygon.iter().copied().cycle().skip(1))
+}
+
 /// Area of a polygon, positive if it runs from x to y.
 fn signed_area(polygon: &[DVec2]) -> f64 {
-    let edges = polygon.iter().zip(polygon.iter().cycle().skip(1));
-    0.5 * edges.map(|(a, b)| a.perp_dot(*b)).sum::<f64>()
+    0.5 * edges(polygon).map(|(a, b)| a.perp_dot(b)).sum::<f64>()
 }
 
 /// Width of a convex outline where it is narrowest: the least, over its edges, of the greatest distance from an edge.
 fn least_width(outline: &[DVec2]) -> f64 {
-    let edges = outline.iter().zip(outline.iter().cycle().skip(1));
-    let height = |(a, b): (&DVec2, &DVec2)| {
-        let along = (*b - *a).normalize_or_zero();
-        outline.iter().map(|c| along.perp_dot(*c - *a).abs()).fold(0.0, f64::max)
+    let height = |(a, b): (DVec2, DVec2)| {
+        let along = (b - a).normalize_or_zero();
+        outline.iter().map(|c| along.perp_dot(*c - a).abs()).fold(0.0, f64::max)
     };
-    edges.filter(|(a, b)| a != b).map(height).fold(f64::INFINITY, f64::min)
+    edges(outline).filter(|(a, b)| a != b).map(height).fold(f64::INFINITY, f64::min)
 }
 
 /// Visits the pixels that the edges of an outline cross, column by column; some of them twice.
 fn crossed(outline: &[DVec2], (width, height): (usize, usize), mut visit: impl FnMut(usize)) {
     let inside = |value: f64, end: usize| value.clamp(0.0, end as f64) as usize;
-    for (a, b) in outline.iter().zip(outline.iter().cycle().skip(1)) {
+    for (a, b) in edges(outline) {
         let (a, b) = if a.x <= b.x { (a, b) } else { (b, a) };
         if b.x < 0.0 || a.x >= width as f64 {
             continue;
@@ -354,8 +359,7 @@ mod tests {
         for outline in outlines {
             let is_inside = |p: DVec2| {
                 let turn = signed_area(&outline).signum();
-                let edges = outline.iter().zip(outline.iter().cycle().skip(1));
-                edges.map(|(a, b)| turn * (*b - *a).perp_dot(p - *a)).fold(f64::INFINITY, f64::min)
+                edges(&outline).map(|(a, b)| turn * (b - a).perp_dot(p - a)).fold(f64::INFINITY, f64::min)
             };
             let moved: Vec<DVec2> = outline.iter().map(|c| *c + corner).collect();
             let cut = Cut::new(&moved, corner).expect("both sides");

@@ -28,7 +28,7 @@ use crate::caustic::deposit::Deposits;
 use crate::caustic::emit::{Emission, Harvest};
 use crate::display::Displayed;
 use crate::draft::Draft;
-use crate::refine::mean;
+use crate::field::mean;
 
 /// Budgets of the caustic term.
 #[derive(Clone, Copy, Debug, PartialEq)]

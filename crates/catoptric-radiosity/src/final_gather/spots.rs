@@ -98,19 +98,21 @@ impl Spots {
             let share = (cosines * spot.area / (PI * distance * distance).max(f32::MIN_POSITIVE)).min(0.5);
             spot.radiance * spot.radiance * share
         };
-        let total: f32 = self.0.iter().map(noise).sum();
+        let mut sums = [0.0; MOST_SPOTS];
+        let mut total = 0.0_f32;
+        for (sum, spot) in sums.iter_mut().zip(&self.0) {
+            total += noise(spot);
+            *sum = total;
+        }
         if total <= MINOR * known || total <= 0.0 {
             return hints;
         }
         let (tangent, bitangent) = frame(receiver.normal);
         let each = total / LOOKS;
         let mut next = key.uniform(0) * each;
-        let mut sum = 0.0;
-        for spot in &self.0 {
-            let first = sum;
-            sum += noise(spot);
+        for (spot, sum) in self.0.iter().zip(sums) {
             let looks = ((sum - next) / each).ceil().max(0.0);
-            if looks < 1.0 || sum <= first {
+            if looks < 1.0 {
                 continue;
             }
             next += looks * each;
