@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_solution::{DisplayMesh, Located};
-use catoptric_trace::walk::Arrival;
+use catoptric_trace::walk::split::Seen;
 
 /// Name of the layer: the share of a pixel that lines cover, by what of their light reaches the eye.
 pub const LAYER: &str = "mesh.Y";
@@ -22,15 +22,15 @@ pub struct Footprint {
 }
 
 /// What lines cover where an eye path meets a surface, times the share of the surface's light that reaches the eye.
-pub fn coverage(mesh: &DisplayMesh, arrival: &Arrival, footprint: Footprint) -> f32 {
-    let interaction = arrival.interaction;
-    let locate = |side| mesh.locate(arrival.hit.triangle, side, arrival.position);
+pub fn coverage(mesh: &DisplayMesh, seen: &Seen, footprint: Footprint) -> f32 {
+    let interaction = seen.interaction;
+    let locate = |side| mesh.locate(seen.hit.triangle, side, seen.position);
     let Some(at) = locate(interaction.side).or_else(|| locate(interaction.side.opposite())) else {
         return 0.0;
     };
-    let pixel = footprint.width + footprint.spread * arrival.distance;
-    let covered = (1.0 - distance(mesh, &at, arrival.position, arrival.direction) / pixel).clamp(0.0, 1.0);
-    covered * interaction.receives * arrival.throughput.dot(LUMINANCE)
+    let pixel = footprint.width + footprint.spread * seen.distance;
+    let covered = (1.0 - distance(mesh, &at, seen.position, seen.direction) / pixel).clamp(0.0, 1.0);
+    covered * interaction.receives * seen.throughput.dot(LUMINANCE)
 }
 
 /// Distance from a point to the nearest edge of its element, across the direction of view.

@@ -4,14 +4,12 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
-use catoptric_light::irradiance::Scratch;
-use catoptric_light::{Lights, Receiver};
+use catoptric_light::{Lights, Receiver, irradiance};
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_scene::{Rgb, Scene};
 use catoptric_solution::{Solution, Term};
 use catoptric_trace::sequence::Key;
-use catoptric_trace::walk::Arrival;
-use catoptric_trace::walk::split::{self, Sight, SplitParams};
+use catoptric_trace::walk::split::{self, Seen, Sight, SplitParams};
 use catoptric_trace::{Hit, MediumStack, Ray};
 
 use crate::direct::SourceLight;
@@ -107,6 +105,13 @@ impl Sample {
     }
 }
 
+/// Reused buffers of one thread.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    light: irradiance::Scratch,
+    waiting: split::Waiting,
+}
+
 /// What a view needs.
 pub struct Eye<'a> {
     /// Sources, for punctual lights per pixel.
@@ -142,32 +147,30 @@ impl Eye<'_> {
             MediumStack::AIR,
             (key, index),
             &self.params,
+            &mut scratch.waiting,
             |hit| first = Some(*hit),
             |sight| match sight {
-                Sight::Sky { direction, throughput, chain } => {
+                Sight::Sky { direction, throughput, events } => {
                     if throughput.max_element() > FAINT {
-                        trail = step(trail, 0, chain.len());
+                        trail = step(trail, 0, events);
                     }
                     if let Some(sky) = scene.sky() {
                         let radiance = throughput * sky.radiance(direction).0;
-                        light.add(LightLayer::Emission, !chain.is_empty(), radiance);
+                        light.add(LightLayer::Emission, events > 0, radiance);
                     }
                 }
-                Sight::Surface(arrival) => {
-                    let surface = scene.triangles()[arrival.hit.triangle.index()].surface.0;
-                    let smooth = scene.is_smooth(arrival.hit.triangle);
-                    let facet = if smooth {
-                        1 << 31 | surface
-                    } else {
-                        tracer.planes().of(arrival.hit.triangle).0 + 1
-                    };
-                    if arrival.throughput.max_element() > FAINT {
-                        trail = step(trail, facet, arrival.chain.len());
-                        curved |= smooth && scene.material_of(arrival.hit.triangle).may_be_specular();
+                Sight::Surface(seen) => {
+                    let surface = scene.triangles()[seen.hit.triangle.index()].surface.0;
+                    let smooth = scene.is_smooth(seen.hit.triangle);
+                    let facet =
+                        if smooth { 1 << 31 | surface } else { tracer.planes().of(seen.hit.triangle).0 + 1 };
+                    if seen.throughput.max_element() > FAINT {
+                        trail = step(trail, facet, seen.events);
+                        curved |= smooth && scene.material_of(seen.hit.triangle).may_be_specular();
                     }
-                    self.see(&arrival, &mut light, &mut shadows, scratch);
+                    self.see(&seen, &mut light, &mut shadows, &mut scratch.light);
                     if let Some(footprint) = footprint {
-                        lines += lines::coverage(&self.solution.mesh, &arrival, footprint);
+                        lines += lines::coverage(&self.solution.mesh, &seen, footprint);
                     }
                 }
             },
@@ -191,20 +194,20 @@ impl Eye<'_> {
     /// Adds what a surface sends to the eye.
     fn see(
         &self,
-        arrival: &Arrival,
+        seen: &Seen,
         light: &mut LightLayers,
         shadows: &mut Option<Shadows>,
-        scratch: &mut Scratch,
+        scratch: &mut irradiance::Scratch,
     ) {
         let tracer = self.lights.tracer();
-        let interaction = arrival.interaction;
-        let material = tracer.scene().material_of(arrival.hit.triangle);
-        let through = !arrival.chain.is_empty();
+        let interaction = seen.interaction;
+        let material = tracer.scene().material_of(seen.hit.triangle);
+        let through = seen.events > 0;
         // The eye is in air; light that starts in a denser medium is thinned by n².
-        let ior = tracer.media().ior(arrival.media.current());
-        let weight = arrival.throughput / (ior * ior);
+        let ior = tracer.media().ior(seen.media.current());
+        let weight = seen.throughput / (ior * ior);
         if material.unlit {
-            let point = tracer.scene().surface_point(arrival.hit.triangle, arrival.hit.at);
+            let point = tracer.scene().surface_point(seen.hit.triangle, seen.hit.at);
             light.add(LightLayer::Emission, through, weight * point.tint * point.opacity);
             return;
         }
@@ -221,7 +224,7 @@ impl Eye<'_> {
                 continue;
             }
             let send = send * share;
-            if let Some(at) = self.solution.mesh.locate(arrival.hit.triangle, side, arrival.position) {
+            if let Some(at) = self.solution.mesh.locate(seen.hit.triangle, side, seen.position) {
                 for (term, layer) in [
                     (Term::Direct, LightLayer::Direct),
                     (Term::Mirrored, LightLayer::Mirrored),
@@ -236,12 +239,12 @@ impl Eye<'_> {
                 }
             }
             if shadows.is_some() || !tracer.scene().lights().is_empty() {
-                let mut receiver = Receiver::on(tracer, arrival.hit.triangle, side, arrival.hit.at);
-                receiver.position = arrival.position;
-                receiver.media = arrival.media;
+                let mut receiver = Receiver::on(tracer, seen.hit.triangle, side, seen.hit.at);
+                receiver.position = seen.position;
+                receiver.media = seen.media;
                 let map = material.normal_texture;
                 if map.is_some() {
-                    let bent = tracer.scene().bent_normal(arrival.hit.triangle, arrival.hit.at, map);
+                    let bent = tracer.scene().bent_normal(seen.hit.triangle, seen.hit.at, map);
                     receiver.normal = side.orient(bent);
                 }
                 let punctual = self.lights.punctual(&receiver, scratch);
@@ -285,7 +288,7 @@ impl Shadows {
         lights: &Lights,
         receiver: &Receiver,
         send: Rgb,
-        scratch: &mut Scratch,
+        scratch: &mut irradiance::Scratch,
     ) -> SourceLight {
         let share = (send.max_element() * PI).min(1.0);
         let rays = ((self.rays as f32 * share).ceil() as u32).max(1);
@@ -299,7 +302,7 @@ impl Shadows {
 
 /// One step of the trail's hash (FNV-1a).
 #[inline]
-fn step(trail: u32, facet: u32, depth: usize) -> u32 {
+fn step(trail: u32, facet: u32, events: u32) -> u32 {
     let mixed = (trail ^ facet).wrapping_mul(0x0100_0193);
-    (mixed ^ depth as u32).wrapping_mul(0x0100_0193)
+    (mixed ^ events).wrapping_mul(0x0100_0193)
 }

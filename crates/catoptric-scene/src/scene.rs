@@ -95,6 +95,8 @@ pub struct Scene {
     uniform: Vec<Option<SurfacePoint>>,
     geometric_normals: Vec<Vec3>,
     areas: Vec<f32>,
+    /// Per triangle: some corner has a colour other than white.
+    colored: Vec<bool>,
 }
 
 impl Scene {
@@ -182,7 +184,9 @@ impl Scene {
         }
 
         let uniform = parts.materials.iter().map(uniform_point).collect();
-        Ok(Self { parts, uniform, geometric_normals, areas })
+        let is_colored = |&v: &u32| parts.vertices[v as usize].color != glam::Vec4::ONE;
+        let colored = parts.triangles.iter().map(|t| t.vertices.iter().any(is_colored)).collect();
+        Ok(Self { parts, uniform, geometric_normals, areas, colored })
     }
 
     /// Name for messages.
@@ -300,19 +304,14 @@ impl Scene {
     /// What the surface does to light at a point: factors, textures and vertex colours evaluated.
     #[inline]
     pub fn surface_point(&self, triangle: TriangleId, at: Barycentric) -> SurfacePoint {
-        let material = self.material_id_of(triangle);
-        match &self.uniform[material.index()] {
-            Some(point) if !self.has_vertex_colors(triangle) => *point,
-            _ => self.textured_point(triangle, at),
-        }
+        self.uniform_point(triangle).copied().unwrap_or_else(|| self.textured_point(triangle, at))
     }
 
-    /// Whether the triangle has vertex colours other than white.
+    /// [`Scene::surface_point`] of a triangle on which it is the same everywhere.
     #[inline]
-    fn has_vertex_colors(&self, triangle: TriangleId) -> bool {
-        let [a, b, c] =
-            self.parts.triangles[triangle.index()].vertices.map(|v| self.parts.vertices[v as usize].color);
-        a != glam::Vec4::ONE || b != glam::Vec4::ONE || c != glam::Vec4::ONE
+    pub fn uniform_point(&self, triangle: TriangleId) -> Option<&SurfacePoint> {
+        let point = self.uniform[self.material_id_of(triangle).index()].as_ref();
+        point.filter(|_| !self.colored[triangle.index()])
     }
 
     /// α at a point, for cut-outs: cheaper than the whole [`Scene::surface_point`].

@@ -4,9 +4,8 @@
 //! self-intersection rule that needs no offset (ARCHITECTURE.md); and a planar mirror is a plane, however many triangles
 //! it is made of, so image chains are lists of planes.
 
-use std::collections::HashMap;
-
 use glam::{DVec3, Vec3};
+use rustc_hash::FxHashMap;
 
 use catoptric_scene::{Scene, TriangleId};
 
@@ -71,7 +70,7 @@ impl Planes {
         let reach = size + center.abs().max_element();
         let tolerance = Tolerance { offset: OFFSET_TOLERANCE * reach, size, reach };
         let mut planes: Vec<Plane> = Vec::new();
-        let mut cells: HashMap<[i32; 4], Vec<u32>> = HashMap::new();
+        let mut cells: FxHashMap<[i32; 4], Vec<u32>> = FxHashMap::default();
         let mut of_triangle = Vec::with_capacity(scene.triangles().len());
 
         for index in 0..scene.triangles().len() {
@@ -79,8 +78,9 @@ impl Planes {
             let corners = scene.corners(triangle).map(|p| p.as_dvec3() - center);
             let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
             let offset = normal.dot((corners[0] + corners[1] + corners[2]) / 3.0);
-            let found = find(&planes, &cells, normal, offset, &tolerance, &corners)
-                .or_else(|| find(&planes, &cells, -normal, -offset, &tolerance, &corners));
+            let angle = tolerance.angle(&corners);
+            let find = |normal, offset| find(&planes, &cells, normal, offset, angle, &tolerance, &corners);
+            let found = find(normal, offset).or_else(|| find(-normal, -offset));
             let plane = found.unwrap_or_else(|| {
                 let id = planes.len() as u32;
                 planes.push(Plane { normal, offset });
@@ -163,13 +163,13 @@ fn cell(normal: DVec3, offset: f64, shift: [f64; 4]) -> [i32; 4] {
 
 fn find(
     planes: &[Plane],
-    cells: &HashMap<[i32; 4], Vec<u32>>,
+    cells: &FxHashMap<[i32; 4], Vec<u32>>,
     normal: DVec3,
     offset: f64,
+    angle: f64,
     tolerance: &Tolerance,
     corners: &[DVec3; 3],
 ) -> Option<u32> {
-    let angle = tolerance.angle(corners);
     let relative = offset / tolerance.size;
     let slack = tolerance.offset / tolerance.size;
     let low = cell(normal, relative, [-angle, -angle, -angle, -slack]);

@@ -9,7 +9,7 @@ use catoptric_scene::{AlphaMode, Material, Radiance, Rgb, Scene, SceneParts, Tra
 use catoptric_trace::interaction::Coat;
 use catoptric_trace::medium::{MediumId, MediumStack};
 use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame, uniform_sphere};
-use catoptric_trace::walk::split::{self, Sight, SplitParams};
+use catoptric_trace::walk::split::{self, Sight, SplitParams, Waiting};
 use catoptric_trace::walk::{self, Arrival, End, WalkParams};
 use catoptric_trace::{Event, Ledger, PlaneId, Ray, Tracer};
 use glam::{DVec3, Vec2, Vec3};
@@ -385,7 +385,7 @@ fn seen(
             sum += f64::from(a.throughput.x * a.interaction.emission.0.x * radiance(a.position));
         }
     };
-    split::trace(tracer, ray, MediumStack::AIR, sample, &params, |_| {}, see);
+    split::trace(tracer, ray, MediumStack::AIR, sample, &params, &mut Waiting::default(), |_| {}, see);
     sum
 }
 
@@ -405,7 +405,7 @@ fn lossless_glass_vanishes_in_a_furnace() {
             let allowed = f64::from(roulette_below) + 5e-6;
             let radiance = seen(&tracer, ray, (key.child(i), 0), params, |_| 1.0);
             assert!((radiance - 1.0).abs() < allowed, "{i}: {radiance}");
-            let (of_pixel, samples) = (params.for_one_of(8), 8);
+            let (of_pixel, samples) = (params.for_one_of(8.0), 8);
             let all = (0..samples).map(|index| seen(&tracer, ray, (key.child(i), index), of_pixel, |_| 1.0));
             let mean = all.sum::<f64>() / f64::from(samples);
             assert!((mean - 1.0).abs() < allowed, "{i}: {mean} of {samples} samples");
@@ -430,7 +430,7 @@ fn what_the_eye_does_not_follow_is_made_up_for_in_the_mean() {
         let exact = seen(&tracer, ray, (key, 0), all, radiance);
         for few in [
             SplitParams { roulette_below: 0.02, ..all },
-            SplitParams { roulette_below: 0.02, ..all }.for_one_of(10),
+            SplitParams { roulette_below: 0.02, ..all }.for_one_of(10.0),
         ] {
             let (mut sum, mut squares) = (0.0, 0.0);
             let count = 2000;
@@ -568,7 +568,16 @@ fn no_light_takes_the_glass_with_it() {
             }
         };
         let params = SplitParams { roulette_below: 0.01, ..SplitParams::default() };
-        split::trace(&tracer, ray, MediumStack::AIR, (random, 0), &params, |_| {}, see);
+        split::trace(
+            &tracer,
+            ray,
+            MediumStack::AIR,
+            (random, 0),
+            &params,
+            &mut Waiting::default(),
+            |_| {},
+            see,
+        );
     }
     assert!(arrivals > 400_000, "{arrivals}");
     assert_eq!(inside, 0, "of {arrivals}");

@@ -1,0 +1,211 @@
+//! The eye's driver: every branch is followed, weak ones by roulette.
+
+use glam::Vec3;
+
+use catoptric_scene::Rgb;
+
+use crate::interaction::Interaction;
+use crate::medium::MediumStack;
+use crate::sequence::Key;
+use crate::tracer::{Hit, Ray, Tracer};
+
+/// Limits of the split driver.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SplitParams {
+    /// Events after which a path is given up.
+    pub max_depth: u32,
+    /// Below this throughput roulette decides whether a branch is followed.
+    pub roulette_below: f32,
+}
+
+impl Default for SplitParams {
+    fn default() -> Self {
+        Self { max_depth: 1000, roulette_below: 4e-4 }
+    }
+}
+
+impl SplitParams {
+    /// For one of so many (weighted) samples of a pixel. A branch of throughput t that goes on with the probability t/τ, and then for τ,
+    /// has the variance t (τ − t) of its light: at the same number of times the threshold, that of the mean stays.
+    #[must_use]
+    pub fn for_one_of(self, samples: f32) -> Self {
+        let roulette_below = self.roulette_below * samples.max(1.0);
+        Self { roulette_below: roulette_below.min(1.0), ..self }
+    }
+}
+
+/// A surface that the eye meets.
+#[derive(Debug)]
+pub struct Seen<'a> {
+    /// Where.
+    pub hit: &'a Hit,
+    /// World position.
+    pub position: Vec3,
+    /// Direction of travel.
+    pub direction: Vec3,
+    /// Surface there.
+    pub interaction: &'a Interaction,
+    /// Power throughput before the surface splits it (without T(θ) of a coat there: `interaction.receives` has it).
+    pub throughput: Rgb,
+    /// Events on the way.
+    pub events: u32,
+    /// Media at the end.
+    pub media: MediumStack,
+    /// Length of the whole path, metres.
+    pub distance: f32,
+}
+
+/// What the eye meets.
+#[derive(Debug)]
+pub enum Sight<'a> {
+    /// A surface.
+    Surface(Seen<'a>),
+    /// Out of the scene.
+    Sky {
+        /// Direction.
+        direction: Vec3,
+        /// Throughput.
+        throughput: Rgb,
+        /// Events on the way.
+        events: u32,
+    },
+}
+
+/// A branch that is still to be followed.
+#[derive(Clone, Copy, Debug)]
+struct Open {
+    ray: Ray,
+    media: MediumStack,
+    throughput: Rgb,
+    distance: f32,
+    /// Surfaces met.
+    depth: u32,
+    /// Those that did something to the light.
+    events: u32,
+    /// It went on by roulette.
+    drawn: bool,
+}
+
+/// Memory for the branches that wait, from path to path.
+#[derive(Debug, Default)]
+pub struct Waiting(Vec<Open>);
+
+/// Roulette by systematic sampling: of branches of strength s₁, s₂, … below the threshold τ those go on, for τ, where the sums of
+/// s/τ pass a whole number, begun anywhere below 1. Each does with the probability s/τ, and together they stand for their sum
+/// but for less than τ, where independent draws would differ by the root of their number.
+struct Roulette(f32);
+
+impl Roulette {
+    fn goes_on(&mut self, probability: f32) -> bool {
+        self.0 += probability;
+        let goes_on = self.0 >= 1.0;
+        if goes_on {
+            self.0 -= 1.0;
+        }
+        goes_on
+    }
+}
+
+/// Branches that wait: more than this and the weakest go by roulette at a higher threshold.
+const MAX_OPEN: usize = 64;
+
+/// Follows every branch from the eye. `see` gets everything that is met; `first` the first visible hit.
+///
+/// This is sample `index` of those with the same `key`, whose draws are stratified together.
+///
+/// Opaque single-sided surfaces are passed from behind before the first hit, as glTF viewers do.
+pub fn trace(
+    tracer: &Tracer,
+    ray: Ray,
+    media: MediumStack,
+    (key, index): (Key, u32),
+    params: &SplitParams,
+    waiting: &mut Waiting,
+    mut first: impl FnMut(&Hit),
+    mut see: impl FnMut(Sight),
+) {
+    let open = &mut waiting.0;
+    open.clear();
+    let mut path =
+        Open { ray, media, throughput: Rgb::ONE, distance: 0.0, depth: 0, events: 0, drawn: false };
+    // One for all branches that are met whatever it decides; the rest depend on it, and have another at each event.
+    let mut first_draws = Roulette(key.shifted(index));
+    let key = key.child(index);
+    let mut splits = 0;
+    let mut met = false;
+    loop {
+        let goes_on = 'event: {
+            let Some(hit) = tracer.nearest(&path.ray, f32::INFINITY) else {
+                let Open { ray: Ray { direction, .. }, throughput, events, .. } = path;
+                see(Sight::Sky { direction, throughput, events });
+                break 'event false;
+            };
+            path.distance += hit.t;
+            path.depth += 1;
+            let position = path.ray.origin + path.ray.direction * hit.t;
+            let from = tracer.planes().of(hit.triangle);
+            if !met && hit.back && tracer.is_culled_from_behind(hit.triangle) {
+                (path.ray.origin, path.ray.from) = (position, from);
+                break 'event path.depth < params.max_depth;
+            }
+            if !met {
+                first(&hit);
+                met = true;
+            }
+            if path.media != MediumStack::AIR {
+                path.throughput *= tracer.media().transmittance(path.media.current(), hit.t);
+            }
+            let interaction = tracer.interact_as_seen(path.ray.direction, &hit, path.media);
+            see(Sight::Surface(Seen {
+                hit: &hit,
+                position,
+                direction: path.ray.direction,
+                interaction: &interaction,
+                throughput: path.throughput,
+                events: path.events,
+                media: path.media,
+                distance: path.distance,
+            }));
+            if path.depth >= params.max_depth {
+                break 'event false;
+            }
+            // A full stack raises the threshold: the work per pixel stays bounded, the mean does not change.
+            let is_full = open.len() >= MAX_OPEN;
+            let threshold = if is_full { 1.0 } else { params.roulette_below };
+            splits += 1;
+            let mut later_draws = None;
+            let before = Open { events: path.events + 1, ..path };
+            let origin = tracer.departure(&hit, position);
+            let mut goes_on = false;
+            for branch in interaction.branches() {
+                let mut throughput = before.throughput * branch.throughput;
+                let strength = throughput.max_element();
+                let mut drawn = before.drawn;
+                if strength < threshold {
+                    let roulette = if before.drawn || is_full {
+                        later_draws.get_or_insert_with(|| Roulette(key.uniform(splits)))
+                    } else {
+                        &mut first_draws
+                    };
+                    let survival = strength / threshold;
+                    if !roulette.goes_on(survival) {
+                        continue;
+                    }
+                    throughput /= survival;
+                    drawn = true;
+                }
+                if goes_on {
+                    open.push(path);
+                }
+                goes_on = true;
+                let ray = Ray { origin, direction: branch.direction, from };
+                path = Open { ray, media: branch.media, throughput, drawn, ..before };
+            }
+            goes_on
+        };
+        if !goes_on {
+            let Some(next) = open.pop() else { return };
+            path = next;
+        }
+    }
+}
