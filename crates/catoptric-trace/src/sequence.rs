@@ -186,10 +186,13 @@ fn owen_scramble(fraction: u32, seed: u32) -> u32 {
 
 /// A direction about +Z with density cosθ/π, by the concentric map of the disk (Malley's method;
 /// Shirley & Chiu 1997).
+///
+/// One point in 2²⁴ is rounded to the border of the square: there its direction would lie in the surface, from which
+/// nothing comes, and count for those beside it.
 #[inline]
 pub fn cosine_hemisphere(point: Vec2) -> Vec3 {
     let disk = concentric_disk(point);
-    Vec3::new(disk.x, disk.y, (1.0 - disk.length_squared()).max(0.0).sqrt())
+    Vec3::new(disk.x, disk.y, (1.0 - disk.length_squared()).max(f32::EPSILON).sqrt())
 }
 
 /// Shirley & Chiu's map of the unit square to the unit disk, area-preserving.
@@ -326,6 +329,17 @@ mod tests {
                 direction ^= direction >> 1;
             }
             assert_eq!(sobol1(index), value, "{index}");
+        }
+    }
+
+    /// Points of 24 bits lie on the border, too.
+    #[test]
+    fn no_direction_lies_in_the_surface() {
+        let edge = [0.0, f32::EPSILON, 0.25, 0.737_149_7, 1.0 - f32::EPSILON];
+        for (x, y) in edge.into_iter().flat_map(|x| edge.map(|y| (x, y))) {
+            let direction = cosine_hemisphere(Vec2::new(x, y));
+            assert!(direction.z > 0.0, "{x} {y}: {direction}");
+            assert!((direction.length() - 1.0).abs() < 1e-6, "{x} {y}: {direction}");
         }
     }
 
