@@ -333,9 +333,8 @@ impl Draft {
             let corners = tracer.scene().corners(triangle);
             let beside = self.beside_lines.get(&(a, b)).copied();
             let center = beside.unwrap_or((corners[0] + corners[1] + corners[2]) / 3.0);
-            let normal = (p.normal + q.normal).try_normalize().unwrap_or(p.normal);
             let inside = position.lerp(center, INSET);
-            (triangle, normal, inside, inside)
+            (triangle, face.normal_at(tracer, triangle, position), inside, inside)
         } else {
             // Insets are inherited: the mean of the parents' gathering points lies inside where they do.
             let middle = |a: Vec3, b: Vec3| (a + b) * 0.5;
@@ -518,12 +517,8 @@ impl Draft {
             displayed.mesh.elements[element as usize].vertices.map(|v| &displayed.mesh.vertices[v as usize]);
         let mix = |f: &dyn Fn(usize) -> Vec3| f(0) * weights[0] + f(1) * weights[1] + f(2) * weights[2];
         let position = mix(&|k| corners[k].position);
-        let normal = mix(&|k| corners[k].normal).try_normalize().unwrap_or(corners[0].normal);
         let leaf = &self.leaves[displayed.leaves[element as usize] as usize];
-        let face = &self.faces[leaf.face as usize];
-        let triangle = face.triangle_at(tracer, position);
-        let medium = self.medium_of_root[leaf.root as usize];
-        self.receiver_at(tracer, face, medium, position, normal, triangle)
+        self.receiver_of(tracer, leaf, position)
     }
 
     /// Where a point inside a leaf receives light.
@@ -532,9 +527,14 @@ impl Draft {
         let corners = leaf.vertices.map(|v| &self.vertices[v as usize]);
         let mix = |f: &dyn Fn(usize) -> Vec3| f(0) * weights[0] + f(1) * weights[1] + f(2) * weights[2];
         let position = mix(&|k| corners[k].position);
-        let normal = mix(&|k| corners[k].normal).try_normalize().unwrap_or(corners[0].normal);
+        self.receiver_of(tracer, leaf, position)
+    }
+
+    /// Where a point of a leaf receives light.
+    fn receiver_of(&self, tracer: &Tracer, leaf: &Leaf, position: Vec3) -> Receiver {
         let face = &self.faces[leaf.face as usize];
         let triangle = face.triangle_at(tracer, position);
+        let normal = face.normal_at(tracer, triangle, position);
         let medium = self.medium_of_root[leaf.root as usize];
         self.receiver_at(tracer, face, medium, position, normal, triangle)
     }
@@ -564,6 +564,18 @@ impl Draft {
             coat,
             media: MediumStack::inside(medium),
         }
+    }
+}
+
+impl FaceDraft {
+    /// Unit shading normal at a point, on the side of the face. On a triangle of a curved mesh the scene's own: halfway between unit
+    /// normals is not halfway between their ends, and halved again and again a cone's normals were 2° off.
+    pub fn normal_at(&self, tracer: &Tracer, triangle: TriangleId, position: Vec3) -> Vec3 {
+        self.side.orient(if self.curved {
+            tracer.scene().shading_normal(triangle, barycentric(tracer, triangle, position))
+        } else {
+            self.frame.normal.as_vec3()
+        })
     }
 }
 
