@@ -124,6 +124,9 @@ pub struct Pyramid {
     /// Outward normals and offsets: sides and ends.
     planes: [(Vec3, f32); MAX_CORNERS + 2],
     sides: usize,
+    eye: Vec3,
+    /// Half of its width, metres per metre from the eye, where it is narrowest.
+    spread: f32,
     min: Vec3,
     max: Vec3,
     ignore: [u32; 2],
@@ -131,16 +134,24 @@ pub struct Pyramid {
     skip: Range<u32>,
 }
 
+/// Share of a pyramid's half width by which a triangle may reach inside and count as one that touches.
+const TOUCH: f32 = 0.01;
+/// Rounding of positions as a share of the padding of the boxes: 2⁻²² of the scene of 2e-6. An eye that much behind a wall is behind it.
+const ROUNDING: f32 = 0.125;
+
 impl Pyramid {
     /// From `eye` to `base`, between the planes `near` and `far`; the triangles `skip` are not in the way. `None` where it is
     /// too flat to tell inside from outside.
     pub fn new(eye: DVec3, base: &Base, near: End, far: End, skip: Range<u32>) -> Option<Self> {
         let mut planes = [(Vec3::ZERO, 0.0); MAX_CORNERS + 2];
         let corners = base.corners();
+        let axis = (base.center - eye).try_normalize()?;
+        let mut spread = 1.0_f64;
         for (index, &corner) in corners.iter().enumerate() {
             let (a, b) = (corner - eye, corners[(index + 1) % corners.len()] - eye);
             let side = a.cross(b).try_normalize()?;
-            let outward = if side.dot(base.center - eye) > 0.0 { -side } else { side };
+            let outward = if side.dot(axis) > 0.0 { -side } else { side };
+            spread = spread.min(-outward.dot(axis));
             planes[index] = (outward.as_vec3(), outward.dot(eye) as f32);
         }
         let sides = corners.len() + 2;
@@ -157,7 +168,8 @@ impl Pyramid {
         let count = 2 * corners.len();
         let min = hull[..count].iter().copied().reduce(Vec3::min)?;
         let max = hull[..count].iter().copied().reduce(Vec3::max)?;
-        Some(Self { hull, count, planes, sides, min, max, ignore: [near.id.0, far.id.0], skip })
+        let (eye, spread) = (eye.as_vec3(), spread as f32);
+        Some(Self { hull, count, planes, sides, eye, spread, min, max, ignore: [near.id.0, far.id.0], skip })
     }
 
     fn planes(&self) -> &[(Vec3, f32)] {
@@ -187,7 +199,8 @@ impl Pyramid {
         near
     }
 
-    /// The triangles of a packet, bit by bit, that are not certainly outside, by more than `slack`: whatever its neighbours are.
+    /// The triangles of a packet, bit by bit, that are not certainly outside, whatever its neighbours are. What reaches inside by
+    /// less than `slack` only touches, but not near the eye: there the pyramid is not as wide as that.
     #[inline]
     fn meets_packet(&self, packet: &Packet, slack: f32) -> u32 {
         let splat = Vec4::splat;
@@ -208,24 +221,34 @@ impl Pyramid {
         if lanes == 0 {
             return 0;
         }
+        let mut touches = 0;
         for (normal, offset) in self.planes() {
             let height = |corner: &[Vec4; 3]| {
                 corner[0] * splat(normal.x) + corner[1] * splat(normal.y) + corner[2] * splat(normal.z)
             };
             let [a, b, c] = [0, 1, 2].map(|k| height(&packet.corners[k]));
-            lanes &= !a.min(b).min(c).cmpge(splat(*offset - slack)).bitmask();
+            let least = a.min(b).min(c);
+            lanes &= !least.cmpge(splat(*offset)).bitmask();
             if lanes == 0 {
                 return 0;
             }
+            touches |= least.cmpge(splat(*offset - slack)).bitmask();
         }
         // The plane of the triangle.
         let edge = |p: &[Vec4; 3], q: &[Vec4; 3]| [0, 1, 2].map(|k| q[k] - p[k]);
         let (e, f) = (edge(a, b), edge(a, c));
         let n = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]];
         let length2 = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
-        let slack = Vec4::new(length2.x.sqrt(), length2.y.sqrt(), length2.z.sqrt(), length2.w.sqrt()) * slack;
+        let length = Vec4::new(length2.x.sqrt(), length2.y.sqrt(), length2.z.sqrt(), length2.w.sqrt());
         let height =
             |p: Vec3| (splat(p.x) - a[0]) * n[0] + (splat(p.y) - a[1]) * n[1] + (splat(p.z) - a[2]) * n[2];
+        let is_far =
+            height(self.eye).abs().cmpge(length * (slack / (TOUCH * self.spread).max(f32::MIN_POSITIVE)));
+        lanes &= !(touches & is_far.bitmask());
+        if lanes == 0 {
+            return 0;
+        }
+        let slack = length * (slack * ROUNDING);
         let mut low = height(self.hull[0]);
         let mut high = low;
         for &corner in &self.hull[1..self.count] {
