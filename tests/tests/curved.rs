@@ -1,7 +1,7 @@
 //! Light on curved meshes: where other things cross them, and where all of it comes from a small bright place.
 
 use catoptric_radiosity::{SolveParams, Solved, solve};
-use catoptric_scene::{Material, MaterialId, Radiance, Rgb, Scene, SceneParts, Silent};
+use catoptric_scene::{Barycentric, Material, MaterialId, Radiance, Rgb, Scene, SceneParts, Silent};
 use catoptric_solution::{Quality, Term};
 use catoptric_tests::white_room;
 use catoptric_trace::Tracer;
@@ -87,4 +87,39 @@ fn a_ball_in_light_from_a_small_bright_place_is_even() {
     let deviation = (squares / (2.0 * one.len() as f64)).sqrt();
     // Rays are shared out so that gathers deviate by USUAL_DEVIATION/√n of their light, with n = 64 at this quality.
     assert!(deviation < 0.4 / 8.0, "{deviation}");
+}
+
+/// However far corners turn away from each other, vertices between them have the normal that the eye and the path tracers see there:
+/// that of the triangle, interpolated once.
+#[test]
+fn vertices_of_a_coarse_smooth_mesh_have_the_normals_of_the_scene() {
+    let (mut parts, white) = white_room();
+    let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::new(12.0, 11.0, 10.0))));
+    parts.add_quad("lamp", lamp, Vec3::new(0.5, 2.19, 0.3), 0.6 * Vec3::X, 0.6 * Vec3::Z);
+    let normals = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
+    let corners = normals.map(|n| Vec3::new(0.0, 1.0, 0.0) + 0.5 * n);
+    let faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]].map(
+        |[a, b, c]| {
+            let turned = (corners[b] - corners[a]).cross(corners[c] - corners[a]).dot(normals[a]) > 0.0;
+            if turned { [a, b, c].map(|v| v as u32) } else { [a, c, b].map(|v| v as u32) }
+        },
+    );
+    parts.add_mesh("octahedron", white, &corners, &normals, &faces, true);
+    let scene = Scene::new(parts).expect("the room is valid");
+    let solution = solved(&scene, 0).solution;
+    let mut inside = 0;
+    for vertex in &solution.mesh.vertices {
+        if scene.surface_of(vertex.triangle).name != "octahedron" {
+            continue;
+        }
+        let [a, b, c] = scene.corners(vertex.triangle);
+        let (e, f, p) = (b - a, c - a, vertex.position - a);
+        let n = e.cross(f);
+        let [u, v] = [p.cross(f), e.cross(p)].map(|area| area.dot(n) / n.length_squared());
+        let expected = scene.shading_normal(vertex.triangle, Barycentric { u, v });
+        // Positions of 1 m round by 6e-8, a ten-millionth of the edges, along which normals turn by a right angle; a few times.
+        assert!(vertex.normal.distance(expected) < 2e-6, "{}: {} {expected}", vertex.position, vertex.normal);
+        inside += u32::from(u.min(v).min(1.0 - u - v) > 0.05);
+    }
+    assert!(inside > 100, "{inside} vertices inside the triangles");
 }

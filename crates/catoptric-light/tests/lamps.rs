@@ -160,6 +160,31 @@ fn an_empty_pyramid_has_no_shadow() {
     assert!(empty * 10 > unblocked * 9, "{empty} of {unblocked} without shadow are told");
 }
 
+/// A wall that stands right before an eye is in the way, also where positions are rounded to a few thousandths of a millimetre.
+#[test]
+fn what_stands_right_before_an_eye_is_not_taken_for_what_touches_its_view() {
+    for center in [Vec3::ZERO, Vec3::new(30.0, 10.0, -50.0)] {
+        for gap in [1e-2_f32, 1e-3, 1e-4, 3e-5] {
+            let mut parts = SceneParts::default();
+            let grey = white(&mut parts);
+            parts.add_quad("floor", grey, center - Vec3::new(1.5, 0.0, 1.5), Vec3::Z * 3.0, Vec3::X * 3.0);
+            parts.add_quad("wall", grey, center + Vec3::new(gap, 0.0, -0.3), Vec3::Z * 0.6, Vec3::Y * 0.05);
+            let scene = Scene::new(parts).expect("a valid scene");
+            let tracer = Tracer::new(&scene);
+            let eye = center.as_dvec3();
+            let lamp = [(0.0, 0.0), (0.2, 0.0), (0.2, 0.2), (0.0, 0.2)]
+                .map(|(y, z)| eye + DVec3::new(0.9, 0.6 + y, z - 0.1));
+            let base = Base::around(&lamp).expect("a polygon");
+            let near = End::new(eye, DVec3::Y, tracer.planes().of(TriangleId(0)));
+            let far = End::behind(&base, eye, PlaneId::NONE).expect("a polygon");
+            let pyramid = Pyramid::new(eye, &base, near, far, 0..0).expect("wide enough");
+            let mut suspects = Suspects::default();
+            assert!(tracer.suspects_in(&pyramid, 8, &mut suspects));
+            assert!(!suspects.is_empty(), "{gap} m before {center}");
+        }
+    }
+}
+
 /// Nothing but the suspects of a pyramid is in the way of shadow rays in it, be they opaque or panes.
 #[test]
 fn suspects_block_what_the_scene_blocks() {
