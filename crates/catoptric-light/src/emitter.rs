@@ -310,10 +310,14 @@ impl Emitters {
         self.is_broad[triangle.index()]
     }
 
-    /// Radiance of all broad emitters that a straight line meets from the front, blocked or not.
+    /// Radiance of all broad emitters that a straight line out of the plane `from` meets from the front, blocked or not.
     #[inline]
-    pub fn broad_along(&self, origin: DVec3, direction: DVec3) -> Rgb {
-        self.broad.iter().filter(|cell| cell.meets(origin, direction)).map(|cell| cell.radiance).sum()
+    pub fn broad_along(&self, origin: DVec3, from: PlaneId, direction: DVec3) -> Rgb {
+        self.broad
+            .iter()
+            .filter(|cell| cell.plane != from && cell.meets(origin, direction))
+            .map(|cell| cell.radiance)
+            .sum()
     }
 
     fn push(

@@ -181,7 +181,8 @@ pub fn gather_part(
         witness.sent(point, single);
         halves[half].add(found, share);
         if controlled {
-            let control = lights.emitters().broad_along(receiver.position.as_dvec3(), direction.as_dvec3());
+            let (origin, from) = (receiver.position.as_dvec3(), receiver.plane);
+            let control = lights.emitters().broad_along(origin, from, direction.as_dvec3());
             halves[half].compare(single, control, share);
         }
     }

@@ -263,7 +263,10 @@ impl<'a> Lights<'a> {
         self.emitters
             .broad()
             .iter()
-            .filter(|cell| cell.normal.dot(position - cell.point(0.0, 0.0)) > 0.0)
+            // By rounding a receiver may seem to lie before its own plane.
+            .filter(|cell| {
+                cell.plane != receiver.plane && cell.normal.dot(position - cell.point(0.0, 0.0)) > 0.0
+            })
             .map(|cell| {
                 let above = cell.polygon().clipped(geometric, geometric.dot(position));
                 cell.radiance * contour::irradiance(position, normal, &above) as f32
