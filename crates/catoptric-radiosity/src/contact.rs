@@ -106,7 +106,11 @@ impl Obstacles {
             min = min.min(corner).min(before);
             max = max.max(corner).max(before);
         }
-        let near = self.tree.overlapping_at_most(min - tolerance, max + tolerance, NEAR * limit)?;
+        let around = [min - tolerance, max + tolerance];
+        let height = frame.normal.dot(frame.origin);
+        let before = height + side * gap;
+        let between = [height.min(before) - tolerance, height.max(before) + tolerance];
+        let near = self.tree.overlapping_between(around, frame.normal, between, NEAR * limit)?;
         let mut segments = Distinct::new(tolerance);
         // The two sides of a plate have one outline: apart, or each edge of it would lie between two triangles.
         let mut hanging: [Vec<[DVec2; 3]>; 2] = [Vec::new(), Vec::new()];
@@ -291,7 +295,7 @@ const SEGMENTS_PER_SQUARE: f64 = 100.0;
 const MAX_CROWDED: usize = 100;
 /// Contact lines that those may have, at most: the arrangement looks at each pair.
 const MAX_SEGMENTS: usize = 3000;
-/// Triangles in the box around a face for each contact line that it may have, at most.
+/// Triangles near a face for each contact line that it may have, at most.
 const NEAR: usize = 16;
 
 /// How many contact lines a face is worth. Where it covers n squares of the edge length it has about 2n triangles, and

@@ -38,18 +38,62 @@ impl BoxTree {
 
     /// The boxes that overlap or touch a box, ascending, or `None` where there are more than `limit`.
     pub fn overlapping_at_most(&self, min: DVec3, max: DVec3, limit: usize) -> Option<Vec<u32>> {
+        self.search(min, max, None, limit)
+    }
+
+    /// The same of those that reach between the planes normal·x = low and normal·x = high: the box around a slanted face is mostly
+    /// empty of it. `None` where there are more than `limit`.
+    pub fn overlapping_between(
+        &self,
+        [min, max]: [DVec3; 2],
+        normal: DVec3,
+        [low, high]: [f64; 2],
+        limit: usize,
+    ) -> Option<Vec<u32>> {
+        self.search(min, max, Some((normal, low, high)), limit)
+    }
+
+    fn search(
+        &self,
+        min: DVec3,
+        max: DVec3,
+        slab: Option<(DVec3, f64, f64)>,
+        limit: usize,
+    ) -> Option<Vec<u32>> {
+        if self.tree.nodes.is_empty() {
+            return Some(Vec::new());
+        }
         // Rounding to f32 must not lose a box that touches.
         let margin = self.reach * f32::EPSILON;
         let query = Aabb::new((min.as_vec3() - margin).into(), (max.as_vec3() + margin).into());
+        let reaches = |aabb: &Aabb| {
+            slab.is_none_or(|(normal, low, high)| {
+                let [min, max] = [aabb.min, aabb.max]
+                    .map(|corner| DVec3::new(corner.x.into(), corner.y.into(), corner.z.into()));
+                let center = normal.dot(min + max) * 0.5;
+                let radius = normal.abs().dot(max - min) * 0.5 + f64::from(margin);
+                center + radius >= low && center - radius <= high
+            })
+        };
         let mut found = Vec::new();
-        self.tree.aabb_traverse(query, |tree, node| {
-            let node = &tree.nodes[node as usize];
-            let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
-            found.extend(&tree.primitive_indices[range]);
-            found.len() <= limit
-        });
+        let mut open = vec![0];
+        while let Some(index) = open.pop() {
+            let node = &self.tree.nodes[index as usize];
+            if !node.aabb.intersect_aabb(&query) || !reaches(&node.aabb) {
+                continue;
+            }
+            if node.is_leaf() {
+                let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
+                found.extend(&self.tree.primitive_indices[range]);
+                if found.len() > limit {
+                    return None;
+                }
+            } else {
+                open.extend([node.first_index, node.first_index + 1]);
+            }
+        }
         found.sort_unstable();
-        (found.len() <= limit).then_some(found)
+        Some(found)
     }
 }
 
@@ -83,6 +127,26 @@ mod tests {
                 assert!(found.is_empty() || at_most(found.len() - 1).is_none());
                 found.retain(|&i| touches(&boxes[i as usize]));
                 assert_eq!(found, expected);
+
+                // A slanted slab through the middle of the query.
+                let normal = (point(query, 4) + 0.01).normalize_or(Vec3::X).as_dvec3();
+                let (middle, half) = (normal.dot(0.5 * (min + max).as_dvec3()), 0.2);
+                let between = [middle - half, middle + half];
+                let reaches = |b: &[Vec3; 2]| {
+                    let corners = (0..8).map(|k| {
+                        let side = |axis: u32| if k >> axis & 1 == 0 { b[0] } else { b[1] };
+                        normal.dot(Vec3::new(side(0).x, side(1).y, side(2).z).as_dvec3())
+                    });
+                    let [low, high] = corners.fold([f64::MAX, f64::MIN], |[l, h], c| [l.min(c), h.max(c)]);
+                    low <= between[1] && high >= between[0]
+                };
+                let ends = [min.as_dvec3(), max.as_dvec3()];
+                let mut slanted =
+                    tree.overlapping_between(ends, normal, between, usize::MAX).expect("no limit");
+                slanted.retain(|&i| touches(&boxes[i as usize]) && reaches(&boxes[i as usize]));
+                let expected: Vec<u32> =
+                    expected.into_iter().filter(|&i| reaches(&boxes[i as usize])).collect();
+                assert_eq!(slanted, expected);
             }
         }
     }
