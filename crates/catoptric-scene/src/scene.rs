@@ -1,6 +1,6 @@
 //! The scene: world-space triangles with materials, lights, cameras and a sky. Immutable once built.
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 use crate::camera::Camera;
 use crate::id::{MaterialId, SurfaceId, TriangleId};
@@ -76,6 +76,8 @@ pub struct SceneParts {
     pub cameras: Vec<Camera>,
     /// The sky.
     pub sky: Option<Sky>,
+    /// Where positions are counted from, metres in the file's world: what is far from its origin has one of its own.
+    pub origin: DVec3,
 }
 
 /// Something wrong in the parts of a scene.
@@ -232,6 +234,11 @@ impl Scene {
     /// The sky, if there is one.
     pub fn sky(&self) -> Option<&Sky> {
         self.parts.sky.as_ref()
+    }
+
+    /// Where positions are counted from, metres in the file's world.
+    pub fn origin(&self) -> DVec3 {
+        self.parts.origin
     }
 
     /// The parts, to change and build again.

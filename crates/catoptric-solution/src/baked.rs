@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use serde_json::{Value, json};
 
 use catoptric_scene::gltf::{AppendError, Asset, DisplayPrimitive};
@@ -67,6 +67,9 @@ pub(crate) fn append(
     }
     nodes.extend(scene.cameras().iter().map(|camera| asset.append_camera(camera)));
     nodes.extend(scene.lights().iter().map(|light| asset.append_light(light)));
+    if scene.origin() != DVec3::ZERO {
+        nodes = vec![asset.append_group("Catoptric solution", &nodes, scene.origin())];
+    }
     asset.append_scene("Catoptric solution", &nodes);
     Ok(exposure)
 }

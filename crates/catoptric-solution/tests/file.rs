@@ -11,12 +11,17 @@ use serde_json::json;
 
 /// A double-sided floor, a lamp that reflects, a mirror: six triangles, two materials with display elements.
 fn loaded(folder: &Path) -> Loaded {
+    loaded_at(folder, [0; 3])
+}
+
+/// The same somewhere else, metres.
+fn loaded_at(folder: &Path, place: [i32; 3]) -> Loaded {
     let corners: [[f32; 3]; 4] = [[-1.0, 0.0, -1.0], [-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, -1.0]];
     let mut bytes: Vec<u8> = corners.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
     bytes.extend([0_u32, 1, 2, 0, 2, 3].iter().flat_map(|i| i.to_le_bytes()));
     std::fs::write(folder.join("quad.bin"), &bytes).expect("a folder to write to");
     let quad = |material: u32| json!({ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "material": material }] });
-    let scene = json!({
+    let mut scene = json!({
         "asset": { "version": "2.0" },
         "extensionsUsed": ["KHR_lights_punctual"],
         "extensions": { "KHR_lights_punctual": { "lights": [{ "type": "spot", "spot": {} }] } },
@@ -48,6 +53,12 @@ fn loaded(folder: &Path) -> Loaded {
             { "bufferView": 1, "componentType": 5125, "count": 6, "type": "SCALAR" },
         ],
     });
+    if place != [0; 3]
+        && let Some(nodes) = scene["nodes"].as_array_mut()
+    {
+        nodes.push(json!({ "children": [0, 1, 2, 3, 4], "translation": place }));
+        scene["scenes"] = json!([{ "nodes": [5] }]);
+    }
     let path = folder.join("scene.gltf");
     std::fs::write(&path, scene.to_string()).expect("a folder to write to");
     load(&path, &LoadOptions::default()).expect("a valid file")
@@ -144,6 +155,27 @@ fn saving_twice_gives_the_same_file_as_once() {
     let once = save(asset.clone(), &scene, &solution).unwrap();
     let again = written(asset, &scene, &solution, folder.path());
     assert!(save(again.asset, &again.scene, &solution).unwrap() == once);
+}
+
+/// What is read about a point of its own is shown where it is, and comes back about that point.
+#[test]
+fn a_solution_far_from_the_origin_is_where_its_scene_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let Loaded { scene, asset, .. } = loaded_at(folder.path(), [1000, 0, -30_000]);
+    let before = solution(&scene);
+    let once = save(asset.clone(), &scene, &before).unwrap();
+    let again = written(asset, &scene, &before, folder.path());
+    assert_eq!((again.scene.hash(), again.scene.origin()), (scene.hash(), scene.origin()));
+    assert_eq!(read(&again.asset).unwrap().unwrap().solution.mesh.vertices, before.mesh.vertices);
+    let root = serde_json::Value::Object(again.asset.json().clone());
+    let shown = &root["scenes"][root["scene"].as_u64().unwrap() as usize]["nodes"];
+    assert_eq!(shown.as_array().unwrap().len(), 1);
+    let group = &root["nodes"][shown[0].as_u64().unwrap() as usize];
+    assert_eq!(group["translation"], json!(scene.origin().to_array()));
+    // The floor is about its node, within the step of the origin.
+    let floor = scene.corners(TriangleId(0))[0].as_dvec3() + scene.origin();
+    assert_eq!(floor.to_array(), [999.0, 0.0, -30_001.0]);
+    assert!(save(again.asset, &again.scene, &before).unwrap() == once);
 }
 
 #[test]

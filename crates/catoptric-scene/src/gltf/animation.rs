@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DMat4, DQuat, DVec4};
+use glam::{DMat4, DQuat, DVec3, DVec4};
 
 use crate::camera::Camera;
 
@@ -20,6 +20,8 @@ const MOST_KEYFRAMES: usize = 1 << 22;
 #[derive(Clone, Debug, Default)]
 pub struct AnimatedCameras {
     rigs: Vec<Rig>,
+    /// Of the scene, in the file's world.
+    origin: DVec3,
     duration: f32,
 }
 
@@ -63,7 +65,7 @@ impl AnimatedCameras {
     /// Cameras that stand still.
     pub fn still(cameras: &[Camera]) -> Self {
         let rigs = cameras.iter().map(|camera| Rig { camera: camera.clone(), chain: Vec::new() }).collect();
-        Self { rigs, duration: 0.0 }
+        Self { rigs, origin: DVec3::ZERO, duration: 0.0 }
     }
 
     /// Time of the last keyframe of any camera, seconds; 0 if none moves.
@@ -78,8 +80,8 @@ impl AnimatedCameras {
             .map(|rig| {
                 let mut camera = rig.camera.clone();
                 if !rig.chain.is_empty() {
-                    let world =
-                        rig.chain.iter().fold(DMat4::IDENTITY, |world, link| world * link.at(seconds));
+                    let from_world = DMat4::from_translation(-self.origin);
+                    let world = rig.chain.iter().fold(from_world, |world, link| world * link.at(seconds));
                     camera.world_from_camera = camera_frame(&world).unwrap_or(camera.world_from_camera);
                 }
                 camera
@@ -92,6 +94,7 @@ impl AnimatedCameras {
         asset: &Asset,
         hierarchy: &Hierarchy,
         cameras: &[CameraNode],
+        origin: DVec3,
         report: &Report,
     ) -> Self {
         // Which nodes matter: those of the cameras and all above.
@@ -146,7 +149,7 @@ impl AnimatedCameras {
                 Rig { camera: camera.camera.clone(), chain: if moves { chain } else { Vec::new() } }
             })
             .collect();
-        Self { rigs, duration }
+        Self { rigs, origin, duration }
     }
 }
 

@@ -7,6 +7,7 @@
 //! { "source": { "scene": 0, "materials": 7, … }, "arrays": { "patch_radiosity": 41 }, "metadata": { … } }
 //! ```
 
+use glam::DVec3;
 use serde_json::{Map, Value, json};
 
 use super::accessor::Accessor;
@@ -205,6 +206,12 @@ impl Asset {
     pub fn append_node(&mut self, name: &str, mesh: usize) -> usize {
         self.mark_source();
         self.push("nodes", json!({ "name": name, "mesh": mesh }))
+    }
+
+    /// Adds a node that moves others by an offset, metres; returns its index.
+    pub fn append_group(&mut self, name: &str, nodes: &[usize], offset: DVec3) -> usize {
+        self.mark_source();
+        self.push("nodes", json!({ "name": name, "children": nodes, "translation": offset.to_array() }))
     }
 
     /// Adds a scene and makes it the one that viewers show. The scene that was shown before is remembered as

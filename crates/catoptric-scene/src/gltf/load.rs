@@ -14,6 +14,7 @@ use super::material::{default_material, read_materials};
 use super::mesh::MeshReader;
 use super::node::Hierarchy;
 use super::options::LoadOptions;
+use super::origin::origin;
 use super::report::{LoadError, Report, Warning};
 use super::survey::survey;
 use super::texture::TextureReader;
@@ -105,13 +106,15 @@ fn read_scene(
     let textures = textures.textures;
 
     // Nodes, and what hangs on them.
-    let hierarchy = Hierarchy::read(&asset, options, &report);
+    let mut hierarchy = Hierarchy::read(&asset, options, &report);
+    let origin = origin(&asset, &hierarchy);
+    hierarchy.shift(-origin);
     let mut meshes = MeshReader::new(&asset, options, &report, &hierarchy, material_count);
     meshes.read_all();
     let (mut parts, mut precision) = (meshes.parts, meshes.normal_precision);
     let lights = read_lights(&asset, &hierarchy, &report);
     let camera_nodes = read_cameras(&asset, &hierarchy, &report);
-    let mut cameras = AnimatedCameras::read(&asset, &hierarchy, &camera_nodes, &report);
+    let mut cameras = AnimatedCameras::read(&asset, &hierarchy, &camera_nodes, origin, &report);
     if report.has_problems() {
         return Err(failed(report));
     }
@@ -136,6 +139,7 @@ fn read_scene(
         textures,
         lights,
         cameras: scene_cameras,
+        origin,
         ..parts
     };
     solid::check(&parts, &report);

@@ -27,6 +27,7 @@ mod material;
 mod mesh;
 mod node;
 mod options;
+mod origin;
 mod place;
 mod report;
 mod solid;

@@ -65,6 +65,13 @@ pub(super) struct Hierarchy {
 }
 
 impl Hierarchy {
+    /// Moves everything by an offset, metres.
+    pub(super) fn shift(&mut self, offset: DVec3) {
+        for node in &mut self.nodes {
+            node.world.w_axis += offset.extend(0.0);
+        }
+    }
+
     /// Walks the scene that the file shows: the source of a solution, else the default scene, else the
     /// first, else every node without a parent.
     pub(super) fn read(asset: &Asset, options: &LoadOptions, report: &Report) -> Self {

@@ -2,7 +2,7 @@
 
 use super::support::{Builder, box_mesh};
 use catoptric_scene::{Barycentric, Scene, TriangleId};
-use glam::{Vec3, Vec4};
+use glam::{DVec3, Vec3, Vec4};
 use serde_json::json;
 
 const SQUARE: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0];
@@ -291,4 +291,57 @@ fn glass_that_is_open_inverted_or_nested_is_reported_and_sound_glass_is_not() {
     assert!(load(&[(1.0, false, 1)]).contains("not closed (3 open edges)"));
     assert!(load(&[(1.0, true, 0)]).contains("inside out"));
     assert!(load(&[(1.0, false, 0), (0.5, false, 0)]).contains("inside of"));
+}
+
+/// Thirty kilometres off, f32 positions are two millimetres apart: a square of a metre, its lamp and its cameras keep their shape to the
+/// last bit, and the scene knows where it lies.
+#[test]
+fn what_is_far_from_the_origin_is_read_about_a_point_of_its_own() {
+    let far = [1000.3, 200.7, -30_000.1];
+    let scenes = [[0.0; 3], far].map(|place| {
+        let mut builder = Builder::new();
+        let position = builder.floats(&SQUARE, "VEC3");
+        let indices = builder.indices(&[0, 1, 2, 2, 1, 3]);
+        let square =
+            builder.show("square", json!({ "attributes": { "POSITION": position }, "indices": indices }));
+        let perspective = json!({ "yfov": 1, "znear": 0.1 });
+        builder.push("cameras", json!({ "type": "perspective", "perspective": perspective }));
+        let eye = builder.push("nodes", json!({ "name": "eye", "camera": 0, "translation": [0.5, 0.5, 3] }));
+        let rail = builder.push("nodes", json!({ "name": "rail", "children": [eye] }));
+        builder.push("extensionsUsed", json!("KHR_lights_punctual"));
+        let lights = json!({ "KHR_lights_punctual": { "lights": [{ "type": "point" }] } });
+        builder.json.insert("extensions".to_owned(), lights);
+        let lamp = builder.push(
+            "nodes",
+            json!({ "translation": [0.5, 2, 1], "extensions": { "KHR_lights_punctual": { "light": 0 } } }),
+        );
+        let all = json!({ "children": [square, rail, lamp], "translation": place });
+        let all = builder.push("nodes", all);
+        builder.json.insert("scenes".to_owned(), json!([{ "nodes": [all] }]));
+        let input = builder.floats(&[0.0, 2.0], "SCALAR");
+        let output = builder.floats(&[0.0, 0.0, 0.0, 8.0, 0.0, 0.0], "VEC3");
+        builder.push(
+            "animations",
+            json!({ "samplers": [{ "input": input, "output": output }],
+            "channels": [{ "sampler": 0, "target": { "node": rail, "path": "translation" } }] }),
+        );
+        builder.load()
+    });
+    let [near, far] = scenes.each_ref().map(|loaded| &loaded.scene);
+    assert_eq!(near.origin(), DVec3::ZERO);
+    let offset = (DVec3::from_array([1000.3, 200.7, -30_000.1]) - far.origin()).as_vec3();
+    // Half of the origin's step, about a diagonal, on each axis.
+    assert!(offset.abs().max_element() <= 1.0, "{offset}");
+    let close = |a: Vec3, b: Vec3| assert!(a.distance(b) < 5e-7, "{a} {b}");
+    for (here, there) in corners(near).iter().flatten().zip(corners(far).iter().flatten()) {
+        close(*here + offset, *there);
+    }
+    close(near.lights()[0].position + offset, far.lights()[0].position);
+    for seconds in [0.0, 1.0, 2.0] {
+        let [here, there] =
+            scenes.each_ref().map(|loaded| loaded.cameras.at(seconds)[0].world_from_camera.translation);
+        close(Vec3::from(here) + offset, there.into());
+    }
+    let [here, there] = [near, far].map(|scene| scene.cameras()[0].world_from_camera.translation);
+    close(Vec3::from(here) + offset, there.into());
 }
