@@ -28,8 +28,9 @@ const SHARP: f32 = 5.0;
 /// is bright.
 const STRONG: f32 = 4.0;
 
-/// Times the contrast up to which two sides of a border are one: an edge that nobody sees needs no samples.
-const SAME: f32 = 0.05;
+/// Times the contrast below which two sides of a border look the same: an edge that nobody sees needs no samples, unless layers are
+/// written, in which it may be seen.
+pub(crate) const SAME: f32 = 0.05;
 
 /// What is compared with neighbours.
 #[derive(Clone, Copy)]
@@ -46,13 +47,14 @@ struct Look {
 /// are seen, relative in the light, absolute in the dark.
 pub(crate) const DARK: f32 = 0.1;
 
-/// The need of every pixel; `contrast` is the difference of displayed luminance that calls for samples, `exposure` the mean
-/// luminance.
+/// The need of every pixel; `contrast` is the difference of displayed luminance that calls for samples, `same` that which does on a border,
+/// `exposure` the mean luminance.
 pub(crate) fn needs(
     pixels: &[Sample],
     width: usize,
     height: usize,
     contrast: f32,
+    same: f32,
     exposure: f32,
 ) -> Vec<Need> {
     let shown = |light: Rgb| (light / exposure + Rgb::splat(DARK)).map(libm::logf);
@@ -69,7 +71,7 @@ pub(crate) fn needs(
     (0..width * height)
         .into_par_iter()
         .with_min_len(1024)
-        .map(|i| need(&looks, width, height, i % width, i / width, contrast))
+        .map(|i| need(&looks, width, height, i % width, i / width, contrast, same))
         .collect()
 }
 
@@ -79,7 +81,7 @@ pub(crate) fn mean_luminance(pixels: &[Sample]) -> f32 {
     ((sum / pixels.len().max(1) as f64) as f32).max(1e-30)
 }
 
-fn need(looks: &[Look], width: usize, height: usize, x: usize, y: usize, contrast: f32) -> Need {
+fn need(looks: &[Look], width: usize, height: usize, x: usize, y: usize, contrast: f32, same: f32) -> Need {
     let own = looks[y * width + x];
     let mut need = if own.penumbra { Need::Shadows } else { Need::Nothing };
     for (dx, dy) in [(-1_i64, 0_i64), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)] {
@@ -97,8 +99,7 @@ fn need(looks: &[Look], width: usize, height: usize, x: usize, y: usize, contras
         } else {
             difference > contrast
         };
-        let is_border =
-            other.trail != own.trail && (difference > SAME * contrast || own.curved || other.curved);
+        let is_border = other.trail != own.trail && (difference >= same || own.curved || other.curved);
         if is_edge || is_border {
             // By few samples the dark of a rim, thinner than a pixel, is a dot here and there.
             if is_edge && difference > STRONG * contrast || own.curved || other.curved {
@@ -116,7 +117,7 @@ mod tests {
 
     /// Two pixels of the same brightness that met other things.
     fn beside(left: Sample, right: Sample) -> Vec<Need> {
-        needs(&[left, right], 2, 1, 0.05, 1.0)
+        needs(&[left, right], 2, 1, 0.05, SAME * 0.05, 1.0)
     }
 
     #[test]

@@ -25,7 +25,7 @@ use catoptric_trace::walk::split::SplitParams;
 use crate::direct::{DirectLight, ShadowRays};
 use crate::layers::{LightLayers, NAMES};
 use crate::lines::{Footprint, LAYER as LINES};
-use crate::needs::{Need, mean_luminance, needs};
+use crate::needs::{Need, SAME, mean_luminance, needs};
 use crate::outlines::{Cut, Outlines};
 use crate::pixel::{Eye, FirstHit, Sample, Scratch};
 
@@ -151,7 +151,8 @@ pub fn render(
     // Pixels beside an edge are made of new samples.
     let strong = counts[0].saturating_mul(STRONG).min(counts[counts.len() - 1]);
     let exposure = mean_luminance(&pixels);
-    let mut needs = needs(&pixels, width, height, params.contrast, exposure);
+    let same = if params.layers { 0.0 } else { SAME * params.contrast };
+    let mut needs = needs(&pixels, width, height, params.contrast, same, exposure);
     let outlines = Outlines::new(&lights, camera, (width, height));
     for thin in outlines.thin() {
         if pixels[thin.pixel].light.emission().dot(LUMINANCE) < 0.5 * thin.luminance {
