@@ -180,16 +180,16 @@ pub fn render(
         let mut missed: Vec<usize> = beside.filter(|&i| pixels[i].samples == 0).collect();
         missed.sort_unstable();
         missed.dedup();
-        for_some(&mut pixels, &missed, progress, |index, pixel, scratch| {
-            resample((index % width, index / width), 0..strong, pixel, scratch);
+        for_some(&mut pixels, width, &missed, progress, |at, pixel, scratch| {
+            resample(at, 0..strong, pixel, scratch);
         })?;
         ends = missed.into_iter().filter(|&i| pixels[i].deviation(exposure) > limit).collect();
     }
     for count in counts.windows(2) {
         let (known, more) = (count[0], count[1]);
         let noisy = beside_noise(&pixels, width, known, params.noise, exposure);
-        for_some(&mut pixels, &noisy, progress, |index, pixel, scratch| {
-            resample((index % width, index / width), known..more, pixel, scratch);
+        for_some(&mut pixels, width, &noisy, progress, |at, pixel, scratch| {
+            resample(at, known..more, pixel, scratch);
         })?;
         progress.advance((width * height).div_ceil(JOB) as u64);
     }
@@ -237,9 +237,10 @@ fn for_pixels(
 /// Works on some pixels, in parallel: few, near each other, and each a long job.
 fn for_some(
     pixels: &mut [Sample],
+    width: usize,
     indices: &[usize],
     progress: &dyn Progress,
-    work: impl Fn(usize, &mut Sample, &mut Scratch) + Sync,
+    work: impl Fn((usize, usize), &mut Sample, &mut Scratch) + Sync,
 ) -> Result<(), Cancelled> {
     let found: Vec<Sample> = indices
         .par_iter()
@@ -247,7 +248,7 @@ fn for_some(
         .map_init(Scratch::default, |scratch, &index| {
             let mut pixel = pixels[index];
             if !progress.is_cancelled() {
-                work(index, &mut pixel, scratch);
+                work((index % width, index / width), &mut pixel, scratch);
             }
             pixel
         })

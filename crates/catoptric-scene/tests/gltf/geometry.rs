@@ -318,13 +318,7 @@ fn what_is_far_from_the_origin_is_read_about_a_point_of_its_own() {
         let all = json!({ "children": [square, rail, lamp], "translation": place });
         let all = builder.push("nodes", all);
         builder.json.insert("scenes".to_owned(), json!([{ "nodes": [all] }]));
-        let input = builder.floats(&[0.0, 2.0], "SCALAR");
-        let output = builder.floats(&[0.0, 0.0, 0.0, 8.0, 0.0, 0.0], "VEC3");
-        builder.push(
-            "animations",
-            json!({ "samplers": [{ "input": input, "output": output }],
-            "channels": [{ "sampler": 0, "target": { "node": rail, "path": "translation" } }] }),
-        );
+        builder.slide(rail);
         builder.load()
     });
     let [near, far] = scenes.each_ref().map(|loaded| &loaded.scene);

@@ -321,13 +321,7 @@ fn cameras_follow_the_animation_of_the_nodes_above_them() {
     let rail = builder.push("nodes", json!({ "name": "rail", "children": [eye], "scale": [2, 2, 2] }));
     let still = builder.push("nodes", json!({ "name": "still", "camera": 1 }));
     builder.push("scenes", json!({ "nodes": [rail, still] }));
-    let input = builder.floats(&[0.0, 2.0], "SCALAR");
-    let output = builder.floats(&[0.0, 0.0, 0.0, 8.0, 0.0, 0.0], "VEC3");
-    builder.push(
-        "animations",
-        json!({ "samplers": [{ "input": input, "output": output }],
-        "channels": [{ "sampler": 0, "target": { "node": rail, "path": "translation" } }] }),
-    );
+    builder.slide(rail);
     let loaded = builder.load();
     assert_eq!(loaded.cameras.duration(), 2.0);
     let names: Vec<&str> = loaded.scene.cameras().iter().map(|camera| camera.name.as_str()).collect();

@@ -84,6 +84,17 @@ impl Builder {
     }
 
     /// Writes `scene.gltf` and `scene.bin` to a folder.
+    /// Moves a node 8 m along x within two seconds.
+    pub(crate) fn slide(&mut self, node: usize) {
+        let input = self.floats(&[0.0, 2.0], "SCALAR");
+        let output = self.floats(&[0.0, 0.0, 0.0, 8.0, 0.0, 0.0], "VEC3");
+        self.push(
+            "animations",
+            json!({ "samplers": [{ "input": input, "output": output }],
+            "channels": [{ "sampler": 0, "target": { "node": node, "path": "translation" } }] }),
+        );
+    }
+
     pub(crate) fn write(mut self, folder: &Path) -> PathBuf {
         if !self.bytes.is_empty() {
             self.push("buffers", json!({ "uri": "scene.bin", "byteLength": self.bytes.len() }));

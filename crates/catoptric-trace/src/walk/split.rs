@@ -34,7 +34,8 @@ impl SplitParams {
     }
 }
 
-/// A surface that the eye meets.
+/// A surface that the eye meets: an [`Arrival`](super::Arrival) whose events are counted, not named. A chain of 40 bytes in every
+/// branch that waits is much to copy.
 #[derive(Debug)]
 pub struct Seen<'a> {
     /// Where.
