@@ -311,14 +311,10 @@ impl Scene {
     /// What the surface does to light at a point: factors, textures and vertex colours evaluated.
     #[inline]
     pub fn surface_point(&self, triangle: TriangleId, at: Barycentric) -> SurfacePoint {
-        self.uniform_point(triangle).copied().unwrap_or_else(|| self.textured_point(triangle, at))
-    }
-
-    /// [`Scene::surface_point`] of a triangle on which it is the same everywhere.
-    #[inline]
-    pub fn uniform_point(&self, triangle: TriangleId) -> Option<&SurfacePoint> {
-        let point = self.uniform[self.material_id_of(triangle).index()].as_ref();
-        point.filter(|_| !self.colored[triangle.index()])
+        match &self.uniform[self.material_id_of(triangle).index()] {
+            Some(point) if !self.colored[triangle.index()] => *point,
+            _ => self.textured_point(triangle, at),
+        }
     }
 
     /// α at a point, for cut-outs: cheaper than the whole [`Scene::surface_point`].

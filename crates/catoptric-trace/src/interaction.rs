@@ -249,14 +249,7 @@ impl Tracer<'_> {
             branches: [nothing; 3],
             count: 0,
         };
-        let point_here;
-        let point = match scene.uniform_point(hit.triangle) {
-            Some(point) => point,
-            None => {
-                point_here = scene.surface_point(hit.triangle, hit.at);
-                &point_here
-            }
-        };
+        let point = scene.surface_point(hit.triangle, hit.at);
         let material = scene.material_of(hit.triangle);
         let acts_behind = self.has_back(hit.triangle);
         let solid = point.transmission > 0.0 && point.transmission_kind == Transmission::Solid;
@@ -292,7 +285,7 @@ impl Tracer<'_> {
             }
             let diffuse = point.diffuse.max_element() > 0.0 || point.diffuse_transmission.max_element() > 0.0;
             if diffuse || material.may_be_diffuse() {
-                result.reflectance = self.effective_reflectance(hit.triangle, point, &coat);
+                result.reflectance = self.effective_reflectance(hit.triangle, &point, &coat);
                 result.transmittance = point.diffuse_transmission;
                 result.receives = point.opacity * coat.transmittance(cos);
             }
