@@ -31,7 +31,7 @@ pub struct Reflector {
     pub id: PlaneId,
     /// Its equation.
     pub plane: Plane,
-    /// Its pieces. Empty: too many to clip by; following the chain decides.
+    /// Its pieces, apart from each other. Empty: too many to clip by, or they overlap; following the chain decides.
     pub apertures: Vec<Aperture>,
     /// Corners of all pieces, for culling: (outline, normal, double-sided).
     pieces: Vec<Aperture>,
@@ -49,7 +49,7 @@ pub struct ImageChain {
     /// Indices into [`ImageChains::reflectors`].
     pub(crate) reflectors: Vec<usize>,
     /// Windows in unfolded space: each a choice of one piece per mirror, seen from the light. None where there are too
-    /// many: following the chain decides.
+    /// many or pieces overlap: following the chain decides.
     pub(crate) windows: Vec<Vec<Polygon>>,
     /// The equations of [`ImageChain::planes`].
     equations: Vec<Plane>,
@@ -215,7 +215,9 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
             let bound =
                 if material.base_texture.is_some() { material.base_color.max_element() } else { strength };
             reflector.strength = reflector.strength.max(bound.max(strength));
-            reflector.even &= !material.has_textures() && material.alpha_mode == AlphaMode::Opaque;
+            reflector.even &= !material.has_textures()
+                && material.alpha_mode == AlphaMode::Opaque
+                && !tracer.is_covered(id);
             reflector.pieces.push(piece);
         }
     }
@@ -228,9 +230,10 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
         reflectors.truncate(MAX_REFLECTORS);
     }
     for reflector in &mut reflectors {
-        reflector.apertures = joined(&reflector.pieces);
-        if reflector.apertures.len() > MAX_APERTURES {
-            reflector.apertures.clear();
+        let apertures = joined(&reflector.pieces);
+        if apertures.len() <= MAX_APERTURES {
+            // Light would come through both where two overlap.
+            reflector.apertures = apart(&apertures).unwrap_or_default();
         }
     }
     reflectors
@@ -264,6 +267,38 @@ fn join(first: &Aperture, second: &Aperture) -> Option<Aperture> {
     let closes =
         (a + b - corner - opposite).length() < 1e-5 * ((a - corner).length() + (b - corner).length());
     closes.then(|| Aperture { outline: Polygon::new(&[corner, a, opposite, b]), ..first.clone() })
+}
+
+/// Overlaps of less than this share of a piece are rounding.
+const OVERLAP: f64 = 1e-6;
+
+/// Pieces of one plane of which none overlap, on whatever side they reflect: what lies within another is left out. `None` where some
+/// overlap in part.
+fn apart(pieces: &[Aperture]) -> Option<Vec<Aperture>> {
+    let mut result: Vec<Aperture> = Vec::new();
+    for piece in pieces {
+        let within = |a: &Aperture, b: &Aperture| share_within(&a.outline, &b.outline);
+        if result.iter().any(|other| within(piece, other) > 1.0 - OVERLAP) {
+            continue;
+        }
+        result.retain(|other| within(other, piece) <= 1.0 - OVERLAP);
+        if result.iter().any(|other| within(piece, other) > OVERLAP) {
+            return None;
+        }
+        result.push(piece.clone());
+    }
+    Some(result)
+}
+
+/// The share of a polygon that lies within another one of its plane.
+fn share_within(polygon: &Polygon, other: &Polygon) -> f64 {
+    let (corners, area) = (other.corners(), other.vector_area());
+    let inside = (0..corners.len()).fold(*polygon, |rest, i| {
+        let (from, to) = (corners[i], corners[(i + 1) % corners.len()]);
+        let inwards = area.cross(to - from);
+        rest.clipped(inwards, inwards.dot(from))
+    });
+    inside.vector_area().length() / polygon.vector_area().length().max(f64::MIN_POSITIVE)
 }
 
 /// The windows of a chain in unfolded space: every combination of one piece per mirror, if there are few.

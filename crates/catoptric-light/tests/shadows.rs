@@ -159,32 +159,84 @@ fn panes_before_a_source_thin_its_light_where_it_is_seen() {
     );
 }
 
-/// Blockers between receiver and mirror, and between mirror and source. Four rays find what the mirror takes.
+/// A wall of silver on the left: its plane, and its outline.
+const SILVER: f32 = -1.2;
+const WALL: [Vec3; 3] = [Vec3::new(SILVER, 0.2, 1.0), Vec3::new(0.0, 0.0, -2.0), Vec3::new(0.0, 1.5, 0.0)];
+
+/// Silver whose reflectance is 1 at every angle.
+fn silver(parts: &mut SceneParts, [corner, u, v]: [Vec3; 3]) {
+    let silver = parts.add_material(Material::mirror("silver", Rgb::ONE));
+    parts.add_quad("mirror", silver, corner, u, v);
+}
+
+/// The brute force over the wall of silver, of which `reflects` tells where it does.
+fn by_grid_in_silver(lights: &Lights, receiver: &Receiver, reflects: impl Fn(Vec3) -> bool) -> f64 {
+    let [chain] = lights.chains().chains() else { panic!("one mirror, one chain") };
+    let mirror = chain.planes[0];
+    let free =
+        |from, leaving, to, arriving| lights.tracer().visibility(from, leaving, to, arriving) == Rgb::ONE;
+    by_grid(receiver, |p| {
+        let image = Vec3::new(2.0 * SILVER - p.x, p.y, p.z);
+        let t = (SILVER - receiver.position.x) / (image.x - receiver.position.x);
+        let at = receiver.position.lerp(image, t);
+        let is_seen = (0.2..1.7).contains(&at.y)
+            && at.z.abs() < 1.0
+            && reflects(at)
+            && free(receiver.position, PlaneId::NONE, at, mirror)
+            && free(at, mirror, p, emitter(lights));
+        (if is_seen { Rgb::ONE } else { Rgb::ZERO }, image)
+    })
+}
+
+/// Blockers between receiver and mirror, and between mirror and source. Four rays find what the mirror takes. A sheet may be two mirrors
+/// back to back in one plane: light comes over one of them.
 #[test]
 fn light_over_a_mirror_is_exact_behind_blockers() {
-    // A wall of silver; its reflectance is 1 at every angle.
-    let side = -1.2;
-    let wall = |parts: &mut SceneParts| {
-        let silver = parts.add_material(Material::mirror("silver", Rgb::ONE));
-        parts.add_quad("mirror", silver, Vec3::new(side, 0.2, 1.0), Vec3::Z * -2.0, Vec3::Y * 1.5);
-    };
-    compare("mirrored", (7, 4), &white_card(), wall, |lights, receiver, key, scratch| {
-        let [chain] = lights.chains().chains() else { panic!("one mirror, one chain") };
-        let mirror = chain.planes[0];
-        let found = lights.mirrored(receiver, 32, Rgb::ZERO, key, scratch);
-        let free =
-            |from, leaving, to, arriving| lights.tracer().visibility(from, leaving, to, arriving) == Rgb::ONE;
-        let expected = by_grid(receiver, |p| {
-            let image = Vec3::new(2.0 * side - p.x, p.y, p.z);
-            let t = (side - receiver.position.x) / (image.x - receiver.position.x);
-            let at = receiver.position.lerp(image, t);
-            let is_seen = (0.2..1.7).contains(&at.y)
-                && at.z.abs() < 1.0
-                && free(receiver.position, PlaneId::NONE, at, mirror)
-                && free(at, mirror, p, emitter(lights));
-            (if is_seen { Rgb::ONE } else { Rgb::ZERO }, image)
+    let [corner, u, v] = WALL;
+    for other_side in [false, true] {
+        let wall = |parts: &mut SceneParts| {
+            silver(parts, WALL);
+            if other_side {
+                silver(parts, [corner, v, u]);
+            }
+        };
+        compare("mirrored", (7, 4), &white_card(), wall, |lights, receiver, key, scratch| {
+            let found = lights.mirrored(receiver, 32, Rgb::ZERO, key, scratch);
+            let [found, open] = [found.irradiance, found.unoccluded].map(|light| f64::from(light.x));
+            Answer { found, expected: by_grid_in_silver(lights, receiver, |_| true), open }
         });
-        let [found, open] = [found.irradiance, found.unoccluded].map(|light| f64::from(light.x));
-        Answer { found, expected, open }
-    });
+    }
+}
+
+/// A card in a mirror's own plane lies on it; mirrors that overlap are one. Found by rays, by their mean over many keys.
+#[test]
+fn mirrors_lie_on_each_other_once_and_cards_on_mirrors() {
+    let [corner, u, v] = WALL;
+    let half = [corner, 0.5 * u, v];
+    let within = [corner + 0.1 * u, 0.5 * u, 0.5 * v];
+    let across = [corner + 0.25 * u, 0.75 * u, v];
+    let pieces: [(&str, &[[Vec3; 3]], bool); 3] = [
+        ("one within another", &[WALL, within], false),
+        ("halves that overlap", &[half, across], false),
+        ("a card on a mirror", &[WALL], true),
+    ];
+    for (name, mirrors, has_card) in pieces {
+        let wall = |parts: &mut SceneParts| {
+            for &mirror in mirrors {
+                silver(parts, mirror);
+            }
+            if has_card {
+                let white = parts.add_material(white_card());
+                parts.add_quad("card", white, half[0], half[1], half[2]);
+            }
+        };
+        compare(name, (8, 64 * 32), &white_card(), wall, |lights, receiver, key, scratch| {
+            let mut ask = |k| lights.mirrored(receiver, 32, Rgb::ZERO, key.child(k), scratch);
+            let found: Vec<_> = (0..64).map(&mut ask).collect();
+            let mean = found.iter().map(|f| f64::from(f.irradiance.x)).sum::<f64>() / found.len() as f64;
+            // The wall runs from z = 1 to −1, the card to its middle.
+            let expected = by_grid_in_silver(lights, receiver, |at| !has_card || at.z < 0.0);
+            Answer { found: mean, expected, open: f64::from(found[0].unoccluded.x) }
+        });
+    }
 }

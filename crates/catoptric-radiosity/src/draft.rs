@@ -16,7 +16,7 @@ use catoptric_trace::interaction::Coat;
 use catoptric_trace::plane::bounds_of;
 use catoptric_trace::{MediumId, MediumStack, Tracer};
 
-use crate::contact::{Obstacles, Segment, gaps_at};
+use crate::contact::{Contact, Obstacles, Segment, gaps_at};
 use crate::cut::cuts;
 use crate::display::Displayed;
 use crate::face::{FaceDraft, faces};
@@ -85,6 +85,17 @@ pub struct Draft {
     /// A place on the own side of each edge that lies on a contact line of a curved mesh, whole or halved.
     pub(crate) beside_lines: FxHashMap<(u32, u32), Vec3>,
     marked: FxHashSet<(u32, u32)>,
+    /// Where shadow sets in behind what hangs before a face.
+    pub(crate) soft_edges: Vec<SoftEdge>,
+}
+
+/// The outline, on a face, of what hangs before it so high that shadow sets in gradually.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SoftEdge {
+    pub(crate) face: u32,
+    pub(crate) ends: [Vec3; 2],
+    /// Of what hangs there, metres.
+    pub(crate) height: f32,
 }
 
 /// Long thin triangles of curved meshes are bisected down to this multiple of the spacing.
@@ -104,6 +115,38 @@ const MAX_INSET: f32 = 0.15;
 /// Weights of a random point of an element, drawn inside as far: on a contact line, f32 may round it to the other side.
 pub(crate) fn drawn_inside((u, v): (f32, f32)) -> [f32; 3] {
     [1.0 - u - v, u, v].map(|weight| weight + (1.0 / 3.0 - weight) * INSET)
+}
+
+/// Where a vertex's own triangles lie.
+#[derive(Clone, Copy, Default)]
+struct Around {
+    /// Sum of the offsets of their centres.
+    centers: Vec3,
+    count: f32,
+    /// The integral of the unit vectors over the angle that they span: along its middle.
+    middle: Vec3,
+}
+
+/// Cosine of the angle from its middle within which an offset lies in an angle of half a turn or more.
+const NEAR_MIDDLE: f32 = 0.5;
+
+impl Around {
+    /// Adds a triangle, by the offsets of its centre and of its other two corners.
+    fn push(&mut self, center: Vec3, sides: [Vec3; 2]) {
+        self.centers += center;
+        self.count += 1.0;
+        let [a, b] = sides.map(Vec3::normalize_or_zero);
+        // tan(θ/2) = sin θ / (1 + cos θ).
+        self.middle += (a + b) * (a.cross(b).length() / (1.0 + a.dot(b)).max(1e-6));
+    }
+
+    /// From the vertex into its triangles: to the mean of their centres, unless that lies in what they surround by more than half a turn, such
+    /// as the foot of a box.
+    fn inwards(&self) -> Vec3 {
+        let (center, middle) = (self.centers / self.count, self.middle.normalize_or_zero());
+        let way = center.length();
+        if center.dot(middle) >= NEAR_MIDDLE * way { center } else { middle * way }
+    }
 }
 
 /// Key of an edge.
@@ -142,14 +185,30 @@ impl Draft {
             .zip(flats.par_iter().zip(&contacts))
             .enumerate()
             .map(|(index, (face, (flat, contacts)))| {
-                let lines: Vec<Segment> = contacts.iter().map(|c| c.segment).collect();
+                let lines = |parts: bool| -> Vec<Segment> {
+                    contacts.iter().filter(|c| c.parts == parts).map(|c| c.segment).collect()
+                };
                 (!face.curved).then(|| {
-                    let mesh = triangulate(flat, &lines, f64::from(lattice.spacing_of(index)), tolerance);
-                    let gaps = gaps_at(&mesh.points, contacts, tolerance);
+                    let mesh = triangulate(
+                        flat,
+                        &lines(true),
+                        &lines(false),
+                        f64::from(lattice.spacing_of(index)),
+                        tolerance,
+                    );
+                    let parting: Vec<Contact> = contacts.iter().filter(|c| c.parts).copied().collect();
+                    let gaps = gaps_at(&mesh.points, &parting, tolerance);
                     (mesh, gaps)
                 })
             })
             .collect();
+        for (face, contacts) in (0_u32..).zip(&contacts) {
+            let frame = &drafts[face as usize].frame;
+            for contact in contacts.iter().filter(|c| !c.parts) {
+                let ends = contact.segment.map(|p| frame.lift(p).as_vec3());
+                draft.soft_edges.push(SoftEdge { face, ends, height: contact.gap as f32 });
+            }
+        }
         let cuts = cuts(scene, &drafts, &obstacles, spacing_in_f64);
         draft.faces = drafts;
         let mut welded: BTreeMap<[u32; 7], u32> = BTreeMap::new();
@@ -248,22 +307,22 @@ impl Draft {
                 }
             }
         }
-        let mut centers = vec![(Vec3::ZERO, 0.0_f32); self.vertices.len()];
+        let mut around = vec![Around::default(); self.vertices.len()];
         for leaf in &self.leaves {
             let center = self.center(leaf);
-            for &v in &leaf.vertices {
-                centers[v as usize].0 += center;
-                centers[v as usize].1 += 1.0;
+            for k in 0..3 {
+                let [v, p, q] = [0, 1, 2].map(|i| leaf.vertices[(k + i) % 3] as usize);
+                let position = self.vertices[v].position;
+                let sides = [p, q].map(|end| self.vertices[end].position - position);
+                around[v].push(center - position, sides);
             }
         }
         for (index, vertex) in self.vertices.iter_mut().enumerate() {
-            let (sum, n) = centers[index];
-            if border[index] && n > 0.0 && !self.faces[vertex.face as usize].curved {
-                let center = sum / n;
-                let way = (center - vertex.position).length().max(f32::MIN_POSITIVE);
-                let beside = BESIDE_GAP * gaps[index] as f32 / way;
-                vertex.sample = vertex.position.lerp(center, INSET);
-                vertex.outlook = vertex.position.lerp(center, beside.clamp(INSET, MAX_INSET));
+            if border[index] && around[index].count > 0.0 && !self.faces[vertex.face as usize].curved {
+                let inwards = around[index].inwards();
+                let beside = BESIDE_GAP * gaps[index] as f32 / inwards.length().max(f32::MIN_POSITIVE);
+                vertex.sample = vertex.position + inwards * INSET;
+                vertex.outlook = vertex.position + inwards * beside.clamp(INSET, MAX_INSET);
             }
         }
     }
@@ -588,4 +647,51 @@ pub fn barycentric(tracer: &Tracer, triangle: TriangleId, position: Vec3) -> Bar
     let u = (p.cross(f).dot(n) / d).clamp(0.0, 1.0);
     let v = (e.cross(p).dot(n) / d).clamp(0.0, 1.0 - u);
     Barycentric { u: u as f32, v: v as f32 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catoptric_scene::{Material, Rgb, Scene, SceneParts};
+
+    use crate::detail::is_inside;
+    use crate::solve::coarse_patches;
+
+    /// Around the corners of a picture just before it, a wall spans three quarters of a turn in triangles of all sizes: each vertex still
+    /// looks from the side of its own, and not from behind the picture.
+    #[test]
+    fn every_vertex_is_sampled_on_the_side_of_its_own_triangles() {
+        let mut checked = 0;
+        for case in 0..256_u16 {
+            let mut parts = SceneParts::default();
+            let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+            parts.add_quad("wall", white, Vec3::new(-1.5, 0.0, 0.0), Vec3::X * 3.0, Vec3::Y * 2.2);
+            let [a, b, c] = [case % 8, case / 8 % 8, case / 64].map(f32::from);
+            let corner = Vec3::new(-1.4 + 0.1 * a, 0.1 + 0.1 * b, 1e-4);
+            parts.add_quad("picture", white, corner, Vec3::X * (0.4 + 0.2 * c), Vec3::Y);
+            let scene = Scene::new(parts).expect("a valid scene");
+            let (draft, _) = coarse_patches(&Tracer::new(&scene), 200 + 20 * usize::from(case / 64));
+            let mut own = vec![Vec::new(); draft.vertices.len()];
+            for leaf in &draft.leaves {
+                for v in leaf.vertices {
+                    own[v as usize].push(leaf.vertices.map(|v| draft.vertices[v as usize].position));
+                }
+            }
+            for (vertex, own) in draft.vertices.iter().zip(own) {
+                // Those in the interior are sampled where they are; some are left from triangles that were divided otherwise.
+                let moved = vertex.sample.distance(vertex.position) > 1e-4 && !own.is_empty();
+                if moved && vertex.position.z == 0.0 {
+                    // On the way there: the smallest may end before it.
+                    let way = vertex.position.lerp(vertex.sample, 0.05);
+                    assert!(
+                        own.iter().any(|&corners| is_inside(way, corners)),
+                        "{case}: {}",
+                        vertex.position
+                    );
+                    checked += 1;
+                }
+            }
+        }
+        assert!(checked > 256 * 40, "{checked}");
+    }
 }

@@ -4,13 +4,13 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use catoptric_scene::Side;
-use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose};
+use catoptric_trace::{Ray, Tracer};
 
 use crate::JOB;
 use crate::detail::{Detail, Details};
 use crate::display::Displayed;
-use crate::draft::Draft;
+use crate::draft::{Draft, SoftEdge};
 use crate::gather::{Surroundings, look_around};
 use crate::lattice::Lattice;
 
@@ -98,6 +98,8 @@ impl Near {
             beside.push(near);
             glimpses.extend(seen);
         }
+        glimpses
+            .par_extend(draft.soft_edges.par_iter().flat_map_iter(|edge| soft(tracer, draft, base, edge)));
         Self { around, beside, glimpses: Details::new(glimpses) }
     }
 
@@ -193,6 +195,32 @@ impl Near {
     }
 }
 
+/// Points along a soft edge, at most.
+const MOST_ALONG: f32 = 64.0;
+
+/// Details on both sides of the outline of what hangs before a face, as small as it hangs high.
+fn soft<'a>(
+    tracer: &'a Tracer,
+    draft: &'a Draft,
+    base: &'a Displayed,
+    edge: &'a SoftEdge,
+) -> impl Iterator<Item = Detail> + 'a {
+    let [a, b] = edge.ends;
+    let parts = ((b - a).length() / edge.height.max(f32::MIN_POSITIVE)).ceil().clamp(1.0, MOST_ALONG) as u32;
+    let face = &draft.faces[edge.face as usize];
+    let normal = face.side.orient(face.frame.normal.as_vec3());
+    let across = normal.cross(b - a).normalize_or_zero() * (0.5 * edge.height);
+    (0..=2 * parts + 1).filter_map(move |index| {
+        let (part, way) = (index / 2, if index % 2 == 0 { across } else { -across });
+        let position = a.lerp(b, part as f32 / parts as f32) + way;
+        let above = 0.5 * edge.height;
+        let hit = tracer.nearest(&Ray::free(position + normal * above, -normal), 1.5 * above)?;
+        let located = base.mesh.locate(hit.triangle, face.side, position)?;
+        let root = base.roots[located.element as usize];
+        Some(Detail { root, position, size: edge.height })
+    })
+}
+
 /// What a vertex sees first.
 fn surroundings(
     tracer: &Tracer,
@@ -211,7 +239,7 @@ mod tests {
     use super::*;
     use crate::detail::is_inside;
     use crate::solve::coarse_patches;
-    use catoptric_scene::{Material, Rgb, Scene, SceneParts};
+    use catoptric_scene::{Material, Radiance, Rgb, Scene, SceneParts};
 
     /// A large floor with a ball above it, far from every vertex of the floor's base triangles.
     fn ball_on_a_floor(radius: f32) -> Scene {
@@ -239,6 +267,46 @@ mod tests {
             .filter(|corners| corners.iter().all(|c| c.y == 0.0) && is_inside(foot, *corners))
             .flat_map(|[a, b, c]| [(b - a).length(), (c - b).length(), (a - c).length()])
             .fold(0.0, f32::max)
+    }
+
+    /// A lamp of 12 cm, 2 cm below the ceiling, seen past: the dark behind it is a matter of centimetres. Its back is no surface of
+    /// which vertices could look.
+    #[test]
+    fn the_ceiling_is_fine_behind_a_lamp_and_not_parted() {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::ONE)));
+        let corner = Vec3::new(-2.0, 0.0, -2.0);
+        parts.add_quad("ceiling", white, corner, Vec3::X * 4.0, Vec3::Z * 4.0);
+        parts.add_quad("lamp", lamp, Vec3::new(0.1, -0.02, 0.2), Vec3::X * 0.12, Vec3::Z * 0.12);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let (mut draft, _) = coarse_patches(&tracer, 400);
+        let spacing = 0.2;
+        let near = Near::new(&tracer, &draft, &draft.display(&tracer), spacing, 0);
+        let params =
+            NearParams { ratio: 1.2, rounds: 0, detail_rounds: 4, detail_share: 2.0, max_details: 5000 };
+        near.refine(&tracer, &mut draft, &params, &Lattice::even(spacing), 0);
+        let (low, high) = (Vec3::new(0.1, 0.0, 0.2), Vec3::new(0.22, 0.0, 0.32));
+        let corners = |leaf: &crate::draft::Leaf| leaf.vertices.map(|v| draft.vertices[v as usize].position);
+        // Inside and outside of its left and lower edges, half as far off as it hangs, and as far apart.
+        for along in [0.02, 0.04, 0.08, 0.1] {
+            for off in [-0.01, 0.01] {
+                for place in [low + Vec3::new(off, 0.0, along), low + Vec3::new(along, 0.0, off)] {
+                    let holding = draft.leaves.iter().map(corners).find(|&c| is_inside(place, c));
+                    let [a, b, c] = holding.expect("the ceiling has no hole");
+                    let longest = (b - a).length().max((c - b).length()).max((a - c).length());
+                    assert!(longest < 1.2 * 0.02 + 1e-4, "{longest} at {place}");
+                }
+            }
+        }
+        // Each edge between two of its leaves is one edge: no vertex lies twice at a place.
+        let mut places: Vec<[u32; 3]> =
+            draft.vertices.iter().map(|v| v.position.to_array().map(|x| (x + 0.0).to_bits())).collect();
+        places.sort_unstable();
+        places.dedup();
+        assert_eq!(places.len(), draft.vertices.len());
+        assert!(draft.vertices.iter().any(|v| v.position.distance(high) < 1e-5), "a vertex at its corner");
     }
 
     #[test]

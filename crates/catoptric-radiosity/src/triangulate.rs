@@ -53,10 +53,18 @@ const LEAST_AREA: f64 = 0.001;
 /// Points that this may add for each that is there, at most: lines that meet at sharp angles ask for any number.
 const ADDED: usize = 2;
 
-/// Triangulates the union of `triangles` with the contact lines `contacts`, edges about `spacing` long (metres).
+/// Triangulates the union of `triangles` with the contact lines `contacts` and further `lines` that part nothing, edges about `spacing`
+/// long (metres).
 /// Points closer than `tolerance` are one.
-pub fn triangulate(triangles: &[[DVec2; 3]], contacts: &[Segment], spacing: f64, tolerance: f64) -> FlatMesh {
-    let outline = outline(triangles, tolerance);
+pub fn triangulate(
+    triangles: &[[DVec2; 3]],
+    contacts: &[Segment],
+    lines: &[Segment],
+    spacing: f64,
+    tolerance: f64,
+) -> FlatMesh {
+    let mut outline = outline(triangles, tolerance);
+    outline.extend(lines);
     let contacts = if contacts.len() + outline.len() > MAX_SEGMENTS { &[] } else { contacts };
     let Some(arrangement) = Arrangement::new(&outline, contacts, spacing, tolerance)
         .or_else(|| Arrangement::new(&outline, &[], spacing, tolerance))
@@ -249,6 +257,11 @@ pub(crate) struct Points {
 }
 
 impl Points {
+    /// How many there are.
+    pub(crate) fn len(&self) -> usize {
+        self.list.len()
+    }
+
     pub(crate) fn new(tolerance: f64) -> Self {
         Self { list: Vec::new(), cells: std::collections::HashMap::new(), tolerance }
     }
@@ -478,7 +491,7 @@ mod tests {
             [DVec2::new(0.3, 0.2), DVec2::new(0.8, 0.2)],
         ];
         for count in 0..=contacts.len() {
-            let mesh = triangulate(&square(1.0), &contacts[..count], 0.11, 1e-7);
+            let mesh = triangulate(&square(1.0), &contacts[..count], &[], 0.11, 1e-7);
             assert!((area(&mesh) - 1.0).abs() < 1e-9, "{count} contacts: {}", area(&mesh));
         }
     }
@@ -487,7 +500,7 @@ mod tests {
     #[test]
     fn a_contact_line_across_the_face_gives_each_side_its_own_vertices() {
         let line = [DVec2::new(0.4, 0.0), DVec2::new(0.4, 1.0)];
-        let mesh = triangulate(&square(1.0), &[line], 0.2, 1e-7);
+        let mesh = triangulate(&square(1.0), &[line], &[], 0.2, 1e-7);
         let mut sides = vec![[false; 2]; mesh.points.len()];
         for t in &mesh.triangles {
             let center = t.iter().map(|&v| mesh.points[v as usize].x).sum::<f64>() / 3.0;
@@ -502,7 +515,7 @@ mod tests {
     #[test]
     fn a_contact_line_that_ends_inside_shares_its_end() {
         let line = [DVec2::new(0.5, 0.0), DVec2::new(0.5, 0.5)];
-        let mesh = triangulate(&square(1.0), &[line], 0.25, 1e-7);
+        let mesh = triangulate(&square(1.0), &[line], &[], 0.25, 1e-7);
         let at = |p: DVec2| mesh.points.iter().filter(|q| (**q - p).length() < 1e-9).count();
         assert_eq!(at(DVec2::new(0.5, 0.5)), 1);
         assert_eq!(at(DVec2::new(0.5, 0.25)), 2);
@@ -519,7 +532,7 @@ mod tests {
             DVec2::new(0.45, 0.52) + 0.13 * DVec2::new(libm::cos(turn), libm::sin(turn))
         };
         let contacts: Vec<Segment> = (0..48).map(|k| [corner(k), corner(k + 1)]).collect();
-        let mesh = triangulate(&square(1.0), &contacts, spacing, 1e-7);
+        let mesh = triangulate(&square(1.0), &contacts, &[], spacing, 1e-7);
         assert!((area(&mesh) - 1.0).abs() < 1e-9);
         let mut counted = 0;
         for t in &mesh.triangles {
@@ -553,7 +566,7 @@ mod tests {
             [p(1.0, 0.0), p(0.5, 0.5 + 1e-9), p(1.0, 1.0)],
             [p(0.5, 0.5 + 1e-9), p(0.0, 1.0), p(1.0, 1.0)],
         ];
-        let mesh = triangulate(&triangles, &[], 0.2, 1e-6);
+        let mesh = triangulate(&triangles, &[], &[], 0.2, 1e-6);
         assert!((area(&mesh) - 1.0).abs() < 1e-6);
         for t in &mesh.triangles {
             let q = t.map(|v| mesh.points[v as usize]);

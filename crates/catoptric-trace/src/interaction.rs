@@ -7,7 +7,7 @@
 
 use glam::Vec3;
 
-use catoptric_scene::{AlphaMode, Radiance, Rgb, Side, SurfacePoint, Transmission, TriangleId};
+use catoptric_scene::{AlphaMode, Material, Radiance, Rgb, Side, SurfacePoint, Transmission, TriangleId};
 
 use crate::chain::Event;
 use crate::fresnel;
@@ -381,10 +381,7 @@ impl Tracer<'_> {
     /// Whether the back of a triangle is a surface of its own: doubleSided, thin panes and Lambertian transmission.
     #[inline]
     pub fn has_back(&self, triangle: TriangleId) -> bool {
-        let material = self.scene().material_of(triangle);
-        material.double_sided
-            || (material.transmission > 0.0 && material.transmission_kind == Transmission::Pane)
-            || material.diffuse_transmission_factor > 0.0
+        has_back(self.scene().material_of(triangle))
     }
 
     /// Whether the eye looks through the back of this triangle before its first hit, as glTF viewers do.
@@ -393,4 +390,11 @@ impl Tracer<'_> {
         let material = self.scene().material_of(triangle);
         !self.has_back(triangle) && material.transmission <= 0.0 && material.alpha_mode != AlphaMode::Blend
     }
+}
+
+/// Whether the back of what is made of a material is a surface of its own.
+pub(crate) fn has_back(material: &Material) -> bool {
+    material.double_sided
+        || (material.transmission > 0.0 && material.transmission_kind == Transmission::Pane)
+        || material.diffuse_transmission_factor > 0.0
 }

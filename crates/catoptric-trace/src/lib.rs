@@ -11,6 +11,7 @@ pub mod fresnel;
 pub mod interaction;
 pub mod ledger;
 pub mod medium;
+mod overlap;
 mod packet;
 pub mod plane;
 pub mod sequence;

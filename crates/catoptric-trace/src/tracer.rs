@@ -9,7 +9,9 @@ use catoptric_scene::{AlphaMode, Barycentric, Rgb, Scene, Transmission, Triangle
 use crate::beam::{Pyramid, Suspect, Suspects};
 use crate::eight::Level;
 use crate::fresnel::{self, DiffuseFresnel};
+use crate::interaction::has_back;
 use crate::medium::Media;
+use crate::overlap::{COVERED_BACK, COVERED_FRONT, Overlaps};
 use crate::packet::{CUT_OUT, Facet, Nearest, Occlusion, PASSES, Probe, TRANSMITS};
 use crate::plane::{PlaneId, Planes};
 use crate::tree::{Boxes, Tree};
@@ -76,8 +78,7 @@ pub struct Tracer<'a> {
     media: Media,
     /// Per plane: flat mirrors, panes and coats large enough to have images.
     has_images: Vec<bool>,
-    /// Per plane: holds things that transmit light and things that do not.
-    mixed: Vec<bool>,
+    overlaps: Overlaps,
     /// Per triangle: plain Lambertian without texture, alpha or coat.
     lambertian: Vec<bool>,
     averages: Vec<DiffuseFresnel>,
@@ -114,6 +115,8 @@ impl<'a> Tracer<'a> {
             })
             .map(|flags| if flags & PASSES != 0 { flags | TRANSMITS } else { flags })
             .collect();
+        let flags = |id: TriangleId| material_flags[scene.material_id_of(id).index()];
+        let overlaps = Overlaps::new(scene, &planes, flags, |id| has_back(scene.material_of(id)));
         let facets: Vec<Facet> = order
             .iter()
             .zip(corners)
@@ -123,15 +126,11 @@ impl<'a> Tracer<'a> {
                     corners,
                     id,
                     plane: planes.of(triangle),
-                    flags: material_flags[scene.material_id_of(triangle).index()],
+                    flags: flags(triangle) | overlaps.covered(triangle),
                 }
             })
             .collect();
         let tree = Tree::build(&boxes, &facets);
-        let mut kinds = vec![0_u8; planes.len()];
-        for facet in &facets {
-            kinds[facet.plane.0 as usize] |= if facet.flags & TRANSMITS != 0 { 1 } else { 2 };
-        }
         let has_images = planes_with_images(scene, &planes);
         let lambertian = scene
             .triangles()
@@ -152,7 +151,7 @@ impl<'a> Tracer<'a> {
             tree,
             media: Media::new(scene),
             has_images,
-            mixed: kinds.iter().map(|&kind| kind == 3).collect(),
+            overlaps,
             lambertian,
             averages: scene.materials().iter().map(|m| fresnel::diffuse(m.ior)).collect(),
             clearcoat: fresnel::diffuse(1.5),
@@ -222,6 +221,12 @@ impl<'a> Tracer<'a> {
         self.has_images[plane.0 as usize]
     }
 
+    /// Whether something else lies on a triangle, on a side that it shows.
+    pub fn is_covered(&self, triangle: TriangleId) -> bool {
+        let covered = self.overlaps.covered(triangle);
+        covered & COVERED_FRONT != 0 || covered & COVERED_BACK != 0 && self.has_back(triangle)
+    }
+
     #[inline]
     pub(crate) fn coat_averages(&self, triangle: TriangleId) -> DiffuseFresnel {
         self.averages[self.scene.material_id_of(triangle).index()]
@@ -239,14 +244,14 @@ impl<'a> Tracer<'a> {
 
     /// The nearest hit within `limit`, of any kind; holes of cut-outs are no hits.
     ///
-    /// Where glass, a pane or a blended surface lies in one plane with something opaque (a vase on a table), the
-    /// opaque one is met: light that passed the other would leave the plane, and with it what lies in it, behind.
+    /// Where several lie in one plane, the one on top is met: what shows a face, then the smaller, and what is opaque before what
+    /// transmits.
     #[inline]
     pub fn nearest(&self, ray: &Ray, limit: f32) -> Option<Hit> {
         let probe = Probe::new(ray.origin, ray.direction, [ray.from, PlaneId::NONE]);
         let nearest = self.tree.nearest(&probe, limit, |n| self.is_solid_here(n))?;
-        if nearest.flags & TRANSMITS != 0 && self.mixed[nearest.plane.0 as usize] {
-            return Some(Hit::new(&self.opaque_beside(ray, &probe, &nearest).unwrap_or(nearest)));
+        if nearest.flags & if nearest.back { COVERED_BACK } else { COVERED_FRONT } != 0 {
+            return Some(Hit::new(&self.on_top(ray, &nearest)));
         }
         Some(Hit::new(&nearest))
     }
@@ -280,15 +285,26 @@ impl<'a> Tracer<'a> {
         a + e * (u / all) + f * (v / all)
     }
 
-    /// What is opaque at the place of `nearest`, in the same plane.
+    /// What lies on top at the place of `nearest`, in the same plane.
     #[cold]
-    fn opaque_beside(&self, ray: &Ray, probe: &Probe, nearest: &Nearest) -> Option<Nearest> {
+    fn on_top(&self, ray: &Ray, nearest: &Nearest) -> Nearest {
         // Planes are one within 1e-6 of the scene's reach: along the ray that is longer by 1/cosθ.
         let normal = self.scene.geometric_normal(TriangleId(nearest.id));
-        let slope = ray.direction.length_squared() / ray.direction.dot(normal).abs().max(1e-4);
+        let slope = ray.direction.dot(normal).abs().max(1e-4 * ray.direction.length());
         let reach = self.center.abs().max_element() + self.diagonal;
-        let slack = nearest.t * 1e-6 + reach * 4e-6 * slope;
-        self.tree.opaque_in_plane(probe, nearest.t + slack, nearest.plane, |n| self.is_solid_here(n))
+        let slack = nearest.t * 1e-6 + reach * 4e-6 / slope;
+        // A short ray meets few boxes.
+        let start = (nearest.t - slack).max(0.0);
+        let probe = Probe::new(ray.origin + ray.direction * start, ray.direction, [ray.from, PlaneId::NONE]);
+        let rank = |n: &Nearest| {
+            let id = TriangleId(n.id);
+            let shows = !n.back || self.has_back(id);
+            (!shows, self.overlaps.rank(id), n.id)
+        };
+        let on_top = self.tree.opaque_in_plane(&probe, nearest.t - start + slack, nearest.plane, rank, |n| {
+            self.is_solid_here(n)
+        });
+        on_top.map_or(*nearest, |n| Nearest { t: nearest.t, ..n })
     }
 
     /// Share of light that gets straight from `origin` (in the plane `from`) to `target` (in the plane `to`): 0 or 1,

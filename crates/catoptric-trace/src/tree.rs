@@ -296,30 +296,34 @@ impl Tree {
         best
     }
 
-    /// The lowest id among the triangles in `plane` that let nothing pass, with t ≤ `limit`.
-    pub(crate) fn opaque_in_plane(
+    /// The triangle of the lowest rank among those in `plane` that let nothing pass, with t ≤ `limit`.
+    pub(crate) fn opaque_in_plane<R: Ord>(
         &self,
         probe: &Probe,
         limit: f32,
         plane: PlaneId,
+        rank: impl Fn(&Nearest) -> R,
         accept: impl Fn(&Nearest) -> bool,
     ) -> Option<Nearest> {
-        let mut best: Option<Nearest> = None;
+        let mut best: Option<(R, Nearest)> = None;
         self.traverse(Plain, probe, limit, |packet, limit| {
             let Some(candidates) = packet.intersect(probe, limit) else { return Some(limit) };
             for lane in (0..4).filter(|lane| candidates.mask >> lane & 1 == 1) {
                 let candidate = candidates.hit(lane, packet);
-                let wanted = candidate.plane == plane && candidate.flags & TRANSMITS == 0;
-                if !wanted || best.as_ref().is_some_and(|b| b.id < candidate.id) {
+                if candidate.plane != plane || candidate.flags & TRANSMITS != 0 {
+                    continue;
+                }
+                let rank = rank(&candidate);
+                if best.as_ref().is_some_and(|(least, _)| *least <= rank) {
                     continue;
                 }
                 if candidate.flags & CUT_OUT == 0 || accept(&candidate) {
-                    best = Some(candidate);
+                    best = Some((rank, candidate));
                 }
             }
             Some(limit)
         });
-        best
+        best.map(|(_, nearest)| nearest)
     }
 
     /// Whether anything lies at t < `limit`: `Blocked` by a triangle that lets nothing pass, `Passing` if only

@@ -1,6 +1,6 @@
 //! Hits: right, watertight, near, independent of the tree, and fast in closed rooms.
 
-use catoptric_scene::{Material, Rgb, Scene, SceneParts, TriangleId};
+use catoptric_scene::{AlphaMode, Material, Rgb, Scene, SceneParts, TriangleId};
 use catoptric_trace::sequence::{Key, Purpose, uniform_sphere};
 use catoptric_trace::{PlaneId, Ray, Tracer};
 use glam::{Quat, Vec3};
@@ -209,4 +209,76 @@ fn far_origins_change_no_hit_between_trees() {
         }
         assert!(hits > 19_000, "distance {distance}: {hits} of 20000");
     }
+}
+
+/// A wall of 4 m with a picture and a dark glass in its own plane, and before it a card of two sheets back to back; all turned.
+#[test]
+fn what_lies_on_top_in_one_plane_is_met_everywhere() {
+    let turn = Quat::from_xyzw(0.327_327, 0.545_545, 0.109_109, 0.763_763);
+    let mut parts = SceneParts::default();
+    let mut material = |name: &str| parts.add_material(Material::lambertian(name, Rgb::splat(0.5)));
+    let [wall, picture, front, back] = ["wall", "picture", "front", "back"].map(&mut material);
+    let dark =
+        Material { base_alpha: 0.5, alpha_mode: AlphaMode::Blend, ..Material::lambertian("dark", Rgb::ONE) };
+    let dark = parts.add_material(dark);
+    let [x, y] = [Vec3::X, Vec3::Y];
+    // Their diagonals differ, so that rays meet other triangles of each.
+    parts.add_quad("wall", wall, Vec3::new(-2.0, -2.0, 0.0), 4.0 * x, 4.0 * y);
+    parts.add_quad("picture", picture, Vec3::new(0.5, -0.5, 0.0), y, -x);
+    parts.add_quad("dark", dark, Vec3::new(1.0, -0.5, 0.0), 0.5 * x, y);
+    parts.add_quad("front", front, Vec3::new(-1.7, -0.4, 0.3), x, y);
+    parts.add_quad("back", back, Vec3::new(-1.7, 0.6, 0.3), x, -y);
+    for vertex in &mut parts.vertices {
+        vertex.position = turn * vertex.position;
+        vertex.normal = turn * vertex.normal;
+    }
+    let scene = Scene::new(parts).expect("a valid scene");
+    let tracer = Tracer::new(&scene);
+    let key = Key::new(6, Purpose::Test, 0);
+    let mut names = std::collections::BTreeMap::<&str, u32>::new();
+    for i in 0..20_000 {
+        let [a, b, c] = [0, 1, 2].map(|k| key.child(k).point2(i));
+        // Between wall and card, or before both.
+        let from_behind = i % 4 == 0;
+        let height = if from_behind { 0.05 + 0.2 * b.x } else { 0.4 + 2.0 * b.x };
+        let target = Vec3::new(3.8 * c.x - 1.9, 3.8 * c.y - 1.9, if from_behind { 0.3 } else { 0.0 });
+        let eye = Vec3::new(6.0 * a.x - 3.0, 6.0 * a.y - 3.0, height);
+        let ray = Ray::free(turn * eye, turn * (target - eye).normalize_or_zero());
+        let Some(hit) = tracer.nearest(&ray, f32::INFINITY) else { continue };
+        let at = turn.inverse() * (ray.origin + ray.direction * hit.t);
+        let expected = match at.abs().truncate().max_element() {
+            _ if at.z > 0.2 => {
+                if from_behind {
+                    "back"
+                } else {
+                    "front"
+                }
+            }
+            // Positions of about 4 m round by 2⁻²⁴ of that, a few times.
+            inside if inside < 0.5 - 2e-6 => "picture",
+            outside if outside > 0.5 + 2e-6 => "wall",
+            _ => continue,
+        };
+        let name = scene.surface_of(hit.triangle).name.as_str();
+        assert!(name == expected && !hit.back, "ray {i} from {eye} to {at}: {name}, back: {}", hit.back);
+        *names.entry(expected).or_default() += 1;
+    }
+    assert!(names.values().all(|&count| count > 300) && names.len() == 4, "{names:?}");
+}
+
+/// Stripes side by side, which share edges to rounding, cover nothing.
+#[test]
+fn what_only_touches_in_one_plane_lies_on_nothing() {
+    let mut parts = SceneParts::default();
+    let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+    let other = parts.add_material(Material::lambertian("other", Rgb::splat(0.5)));
+    let third = 1.0_f32 / 3.0;
+    for k in 0..3 {
+        let material = if k == 1 { other } else { white };
+        let corner = Vec3::new(k as f32 * third, 0.0, 0.0);
+        parts.add_quad("stripe", material, corner, Vec3::X * third, Vec3::Y);
+    }
+    let scene = Scene::new(parts).expect("a valid scene");
+    let tracer = Tracer::new(&scene);
+    assert!((0..6).all(|i| !tracer.is_covered(TriangleId(i))));
 }

@@ -79,7 +79,11 @@ fn choose_triangles(parts: &SceneParts, report: &Report) -> Vec<bool> {
         };
         say(flat, "triangles have no area and were dropped");
         say(repeated, "triangles lie exactly on others of the same material and were dropped");
-        say(fighting, "triangles lie exactly on others of another material: which one is seen is arbitrary");
+        say(
+            fighting,
+            "triangles lie exactly on others of another material: of two that show a face, the one of the surface that is smaller in \
+             that plane is seen",
+        );
     }
     kept
 }
