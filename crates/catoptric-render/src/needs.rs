@@ -39,7 +39,7 @@ struct Look {
     /// The tone if nothing blocked shadow rays.
     open: Rgb,
     trail: u32,
-    curved: bool,
+    rim: u32,
     penumbra: bool,
 }
 
@@ -65,7 +65,7 @@ pub(crate) fn needs(
             let beauty = p.light.beauty();
             let tone = shown(beauty);
             let open = if p.open == beauty { tone } else { shown(p.open) };
-            Look { tone, open, trail: p.trail, curved: p.curved, penumbra: p.penumbra }
+            Look { tone, open, trail: p.trail, rim: p.rim, penumbra: p.penumbra }
         })
         .collect();
     (0..width * height)
@@ -99,10 +99,11 @@ fn need(looks: &[Look], width: usize, height: usize, x: usize, y: usize, contras
         } else {
             difference > contrast
         };
-        let is_border = other.trail != own.trail && (difference >= same || own.curved || other.curved);
+        let is_rim = other.rim != own.rim;
+        let is_border = other.trail != own.trail && (difference >= same || is_rim);
         if is_edge || is_border {
             // By few samples the dark of a rim, thinner than a pixel, is a dot here and there.
-            if is_edge && difference > STRONG * contrast || own.curved || other.curved {
+            if is_edge && difference > STRONG * contrast || is_rim {
                 return Need::Samples;
             }
             need = Need::FewSamples;
@@ -132,7 +133,7 @@ mod tests {
         // Less than a twentieth of the contrast of 0.05 between them, or more: of a luminance of 1.1 with what is added in the dark.
         assert_eq!(beside(one, pixel(2, 1.002)), [Need::Nothing; 2]);
         assert_eq!(beside(one, pixel(2, 1.004)), [Need::FewSamples; 2]);
-        let curved = Sample { curved: true, ..two };
+        let curved = Sample { rim: 1, ..two };
         assert_eq!(beside(one, curved), [Need::Samples; 2]);
         assert_eq!(beside(curved, one), [Need::Samples; 2]);
         assert_eq!(beside(curved, curved), [Need::Nothing; 2]);

@@ -69,8 +69,9 @@ pub struct Sample {
     pub first: Option<Hit>,
     /// Hash of what was met along all but the faintest branches: samples that differ in it straddle an edge.
     pub trail: u32,
-    /// Something curved that reflects or refracts was met there: its rim shows the whole room within a pixel.
-    pub curved: bool,
+    /// Hash of what is curved and reflects or refracts along its bright branches, 0 if nothing is: beside a rim the whole room is shown within
+    /// a pixel, beside the border of what is seen through it (which is in the trail) two things are.
+    pub rim: u32,
 }
 
 impl Sample {
@@ -85,7 +86,7 @@ impl Sample {
         sides: None,
         first: None,
         trail: 0,
-        curved: false,
+        rim: 0,
     };
 
     /// Standard deviation of the samples that a pixel is made of, relative to its displayed luminance where `exposure` is
@@ -140,7 +141,7 @@ impl Eye<'_> {
         let mut shadows = shadow_rays.map(|rays| Shadows::new(rays, key.child(index).child(SHADOWS)));
         let mut lines = 0.0;
         let mut first = None;
-        let (mut trail, mut curved) = (0x811c_9dc5_u32, false);
+        let (mut trail, mut rim) = (0x811c_9dc5_u32, 0);
         split::trace(
             tracer,
             Ray::free(origin, direction),
@@ -166,7 +167,12 @@ impl Eye<'_> {
                         if smooth { 1 << 31 | surface } else { tracer.planes().of(seen.hit.triangle).0 + 1 };
                     if seen.throughput.max_element() > FAINT {
                         trail = step(trail, facet, seen.events);
-                        curved |= smooth && scene.material_of(seen.hit.triangle).may_be_specular();
+                        if smooth
+                            && seen.throughput.max_element() > BRIGHT
+                            && scene.material_of(seen.hit.triangle).may_be_specular()
+                        {
+                            rim = step(rim, facet, seen.events);
+                        }
                     }
                     self.see(&seen, &mut light, &mut shadows, &mut scratch.light);
                     if let Some(footprint) = footprint {
@@ -187,7 +193,7 @@ impl Eye<'_> {
             sides: None,
             first,
             trail,
-            curved,
+            rim,
         }
     }
 
@@ -262,6 +268,9 @@ impl Eye<'_> {
 
 /// Branches of less throughput draw no edges: what is bright enough to be seen through them differs in radiance.
 const FAINT: f32 = 0.03;
+
+/// Rims in branches of less throughput are edges as others: what they show of the room is in proportion.
+const BRIGHT: f32 = 0.1;
 
 /// Keys of shadow rays are children of a sample's key with this number: the pixel's own use small ones.
 const SHADOWS: u32 = 1 << 16;
