@@ -54,7 +54,7 @@ impl Obstacles {
     }
 
     /// The contact lines on each face, whose triangles are `flats` in its plane coordinates (none of curved faces). The
-    /// edges of the mesh are about `spacing` metres long.
+    /// edges of the mesh are about `spacing` metres long, and about `finest` where things are near.
     ///
     /// A face with more of them than are worth their cost has none, but for the largest such faces.
     pub fn contact_lines(
@@ -63,9 +63,12 @@ impl Obstacles {
         faces: &[FaceDraft],
         flats: &[Vec<[DVec2; 3]>],
         spacing: f64,
+        finest: f64,
     ) -> Vec<Vec<Contact>> {
         let worth: Vec<usize> = flats.iter().map(|own| worthwhile(area(own), spacing)).collect();
-        let find = |index: usize, limit| self.segments(scene, &faces[index], &flats[index], spacing, limit);
+        let find = |index: usize, limit| {
+            self.segments(scene, &faces[index], &flats[index], [spacing, finest], limit)
+        };
         let mut found: Vec<Option<Vec<Contact>>> =
             (0..faces.len()).into_par_iter().map(|index| find(index, worth[index])).collect();
         let mut crowded: Vec<usize> = (0..faces.len()).filter(|&index| found[index].is_none()).collect();
@@ -88,7 +91,7 @@ impl Obstacles {
         scene: &Scene,
         face: &FaceDraft,
         own: &[[DVec2; 3]],
-        spacing: f64,
+        [spacing, finest]: [f64; 2],
         limit: usize,
     ) -> Option<Vec<Contact>> {
         if own.is_empty() {
@@ -143,7 +146,7 @@ impl Obstacles {
         }
         for plate in hanging.iter().flat_map(|triangles| plates(triangles, tolerance)) {
             let size = area(&plate.triangles).sqrt();
-            let parts = plate.height < SOFT * size;
+            let parts = plate.height < (SOFT * size).max(finest);
             for segment in outline(&plate.triangles, tolerance) {
                 segments.push(segment, plate.height, parts);
             }
@@ -474,7 +477,8 @@ mod tests {
             })
             .collect();
         let (center, diagonal) = bounds_of(&scene);
-        let lines = Obstacles::new(&scene, center, diagonal).contact_lines(&scene, &drafts, &flats, 1.0);
+        let lines =
+            Obstacles::new(&scene, center, diagonal).contact_lines(&scene, &drafts, &flats, 1.0, 0.005);
         let floor = drafts
             .iter()
             .position(|f| f.side == Side::Front && f.triangles.contains(&TriangleId(0)))
@@ -495,6 +499,20 @@ mod tests {
         assert!(lines.iter().all(|c| (c.gap - 0.01).abs() < 1e-6), "{lines:?}");
         let ball = |p: &mut SceneParts, m| p.add_sphere("ball", m, Vec3::new(2.0, 0.301, 2.0), 0.3, 24);
         assert!(on_floor(ball).is_empty());
+    }
+
+    /// 2 cm before the floor, a plate of a metre parts the light; one of 12 cm is seen past, and the dark behind it comes and goes.
+    #[test]
+    fn what_hangs_high_for_its_size_parts_nothing() {
+        let plate = |size: f32| {
+            let lines = on_floor(move |p, m| {
+                p.add_quad("plate", m, Vec3::new(1.0, 0.02, 1.0), Vec3::X * size, Vec3::Z * size);
+            });
+            assert!((4..=8).contains(&lines.len()), "{lines:?}");
+            lines
+        };
+        assert!(plate(1.0).iter().all(|c| c.parts));
+        assert!(plate(0.12).iter().all(|c| !c.parts));
     }
 
     /// A card that leans with its edge just above the floor parts what is before it from what is behind it, as one that

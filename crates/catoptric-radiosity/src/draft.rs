@@ -158,11 +158,12 @@ pub(crate) fn edge(a: u32, b: u32) -> (u32, u32) {
 impl Draft {
     /// Cuts the diffuse sides of the scene into triangles with edges about `spacing` long, metres.
     pub fn new(tracer: &Tracer, spacing: f32) -> Self {
-        Self::on(tracer, faces(tracer), &Lattice::even(spacing))
+        Self::on(tracer, faces(tracer), &Lattice::even(spacing), f32::INFINITY)
     }
 
-    /// Cuts faces into triangles of a lattice.
-    pub(crate) fn on(tracer: &Tracer, drafts: Vec<FaceDraft>, lattice: &Lattice) -> Self {
+    /// Cuts faces into triangles of a lattice. Their edges will be refined to about `finest` metres where things are near: what hangs lower
+    /// before a face, or where that is infinite all that hangs, parts the light there.
+    pub(crate) fn on(tracer: &Tracer, drafts: Vec<FaceDraft>, lattice: &Lattice, finest: f32) -> Self {
         let scene = tracer.scene();
         let spacing = lattice.spacing;
         let mut draft = Self { most_weight: spacing * spacing, ..Self::default() };
@@ -179,7 +180,7 @@ impl Draft {
             })
             .collect();
         let spacing_in_f64 = f64::from(spacing);
-        let contacts = obstacles.contact_lines(scene, &drafts, &flats, spacing_in_f64);
+        let contacts = obstacles.contact_lines(scene, &drafts, &flats, spacing_in_f64, f64::from(finest));
         let flat_meshes: Vec<Option<(FlatMesh, Vec<f64>)>> = drafts
             .par_iter()
             .zip(flats.par_iter().zip(&contacts))

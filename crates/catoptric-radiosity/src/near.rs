@@ -52,6 +52,17 @@ pub struct Near {
     glimpses: Details,
 }
 
+impl NearParams {
+    /// About how short edges get where things are near, metres.
+    pub(crate) fn finest(&self, spacing: f32) -> f32 {
+        if self.detail_rounds == 0 {
+            f32::INFINITY
+        } else {
+            spacing * 0.5_f32.powi(self.detail_rounds as i32 + 1)
+        }
+    }
+}
+
 impl Near {
     /// Has every vertex of an unrefined draft, shown as `base`, look around.
     pub fn new(tracer: &Tracer, draft: &Draft, base: &Displayed, spacing: f32, seed: u32) -> Self {
@@ -238,6 +249,7 @@ fn surroundings(
 mod tests {
     use super::*;
     use crate::detail::is_inside;
+    use crate::face::faces;
     use crate::solve::coarse_patches;
     use catoptric_scene::{Material, Radiance, Rgb, Scene, SceneParts};
 
@@ -281,8 +293,9 @@ mod tests {
         parts.add_quad("lamp", lamp, Vec3::new(0.1, -0.02, 0.2), Vec3::X * 0.12, Vec3::Z * 0.12);
         let scene = Scene::new(parts).expect("a valid scene");
         let tracer = Tracer::new(&scene);
-        let (mut draft, _) = coarse_patches(&tracer, 400);
         let spacing = 0.2;
+        let lattice = Lattice::even(spacing);
+        let mut draft = Draft::on(&tracer, faces(&tracer), &lattice, 0.01);
         let near = Near::new(&tracer, &draft, &draft.display(&tracer), spacing, 0);
         let params =
             NearParams { ratio: 1.2, rounds: 0, detail_rounds: 4, detail_share: 2.0, max_details: 5000 };

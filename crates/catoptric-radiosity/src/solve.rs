@@ -224,7 +224,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let faces = faces(tracer);
     let lattice = Lattice::new(tracer, &faces, base_triangles);
     let spacing = lattice.spacing;
-    let mut draft = Draft::on(tracer, faces, &lattice);
+    let mut draft = Draft::on(tracer, faces, &lattice, params.near.finest(spacing));
     let patches = PatchMesh::new(tracer, &draft, spacing);
     let base = draft.display(tracer);
     let of_element: Vec<PatchId> = base.roots.iter().map(|&r| patches.of_root[r as usize]).collect();
