@@ -66,7 +66,21 @@ impl Overlaps {
         has_back: impl Fn(TriangleId) -> bool + Sync,
     ) -> Self {
         let count = scene.triangles().len();
-        let mut order: Vec<u32> = (0..count as u32).collect();
+        let kind = |id: TriangleId| {
+            let normal = planes.plane(planes.of(id)).normal;
+            let is_up = scene.geometric_normal(id).as_dvec3().dot(normal) >= 0.0;
+            (scene.triangles()[id.index()].surface, flags(id) & TRANSMITS != 0, is_up)
+        };
+        // Most planes hold triangles of one kind, which do not lie on each other.
+        let mut kinds = vec![None; planes.len()];
+        let mut is_mixed = vec![false; planes.len()];
+        for id in (0..count as u32).map(TriangleId) {
+            let plane = planes.of(id).0 as usize;
+            let first = kinds[plane].get_or_insert_with(|| kind(id));
+            is_mixed[plane] = is_mixed[plane] || *first != kind(id);
+        }
+        let mut order: Vec<u32> =
+            (0..count as u32).filter(|&id| is_mixed[planes.of(TriangleId(id)).0 as usize]).collect();
         order.sort_unstable_by_key(|&id| (planes.of(TriangleId(id)), id));
         let (center, diagonal) = bounds_of(scene);
         let rounding = ROUNDING * (diagonal + center.abs().max_element());
@@ -74,29 +88,19 @@ impl Overlaps {
             order.chunk_by(|&a, &b| planes.of(TriangleId(a)) == planes.of(TriangleId(b))).collect();
         let found: Vec<Vec<(u32, u8, u32)>> = groups
             .into_par_iter()
-            .with_min_len(64)
             .map(|group| {
-                let kind = |id: u32| {
-                    let id = TriangleId(id);
-                    (scene.triangles()[id.index()].surface, flags(id) & TRANSMITS)
-                };
-                // Most planes hold triangles of one surface: those lie on each other back to back if at all.
                 let normal = planes.plane(planes.of(TriangleId(group[0]))).normal;
-                let is_up = |id: u32| scene.geometric_normal(TriangleId(id)).as_dvec3().dot(normal) >= 0.0;
-                let (first, up) = (kind(group[0]), is_up(group[0]));
-                if group.iter().all(|&id| kind(id) == first && is_up(id) == up) {
-                    return Vec::new();
-                }
                 let members = group.iter().map(|&id| {
                     let triangle = TriangleId(id);
+                    let (surface, transmits, up) = kind(triangle);
                     Member {
                         id,
                         corners: scene.corners(triangle).map(|p| flat(p.as_dvec3() - center, normal)),
                         area: f64::from(scene.area(triangle)),
-                        surface: scene.triangles()[triangle.index()].surface.0,
-                        up: is_up(id),
+                        surface: surface.0,
+                        up,
                         has_back: has_back(triangle),
-                        transmits: flags(triangle) & TRANSMITS != 0,
+                        transmits,
                         rank: 0,
                     }
                 });

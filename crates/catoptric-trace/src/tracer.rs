@@ -100,7 +100,6 @@ impl<'a> Tracer<'a> {
     /// tree differs, no answer does.
     pub fn with_order(scene: &'a Scene, order: &[u32]) -> Self {
         let corners: Vec<[Vec3; 3]> = order.iter().map(|&id| scene.corners(TriangleId(id))).collect();
-        let (boxes, planes) = rayon::join(|| Boxes::around(&corners), || Planes::new(scene));
         let material_flags: Vec<u8> = scene
             .materials()
             .iter()
@@ -116,7 +115,14 @@ impl<'a> Tracer<'a> {
             .map(|flags| if flags & PASSES != 0 { flags | TRANSMITS } else { flags })
             .collect();
         let flags = |id: TriangleId| material_flags[scene.material_id_of(id).index()];
-        let overlaps = Overlaps::new(scene, &planes, flags, |id| has_back(scene.material_of(id)));
+        let (boxes, (planes, overlaps)) = rayon::join(
+            || Boxes::around(&corners),
+            || {
+                let planes = Planes::new(scene);
+                let overlaps = Overlaps::new(scene, &planes, flags, |id| has_back(scene.material_of(id)));
+                (planes, overlaps)
+            },
+        );
         let facets: Vec<Facet> = order
             .iter()
             .zip(corners)
