@@ -22,7 +22,7 @@ pub(crate) const COVERED_BACK: u8 = 16;
 /// Triangles that overlap less than this share of the scene's reach are neighbours that rounding moved: as far as what counts as one plane.
 const ROUNDING: f64 = 1e-6;
 /// Neighbours of a triangle that are looked at; where there are more, it counts as covered.
-const MOST_NEIGHBOURS: usize = 4096;
+const MOST_NEIGHBOURS: usize = 1024;
 
 /// What is covered, and by what.
 #[derive(Clone, Debug, Default)]
