@@ -211,9 +211,9 @@ impl Obstacles {
     }
 }
 
-/// The gap at each point that lies on contact lines, the smallest of theirs; elsewhere 0.
+/// The gap at each point that lies on contact lines that part the light, the smallest of theirs; elsewhere 0.
 pub(crate) fn gaps_at(points: &[DVec2], contacts: &[Contact], tolerance: f64) -> Vec<f64> {
-    if contacts.iter().all(|c| c.gap == 0.0) {
+    if contacts.iter().all(|c| !c.parts || c.gap == 0.0) {
         return vec![0.0; points.len()];
     }
     let level = |p: DVec2| p.extend(0.0);
@@ -231,7 +231,7 @@ pub(crate) fn gaps_at(points: &[DVec2], contacts: &[Contact], tolerance: f64) ->
         let own = near
             .into_iter()
             .map(|i| contacts[i as usize])
-            .filter(|c| distance(p, c.segment) <= 2.0 * tolerance);
+            .filter(|c| c.parts && distance(p, c.segment) <= 2.0 * tolerance);
         let least = own.map(|c| c.gap).fold(f64::INFINITY, f64::min);
         if least.is_finite() { least } else { 0.0 }
     };
@@ -558,7 +558,9 @@ mod tests {
             |y: f64, gap| Contact { segment: [DVec2::new(0.0, y), DVec2::new(1.0, y)], gap, parts: true };
         let upright =
             Contact { segment: [DVec2::new(1.0, 0.0), DVec2::new(1.0, 1.0)], gap: 0.02, parts: true };
-        let contacts = [line(0.0, 0.01), line(1.0, 0.0), upright];
+        // What parts nothing has no say.
+        let soft = Contact { gap: 0.001, parts: false, ..line(0.0, 0.0) };
+        let contacts = [line(0.0, 0.01), line(1.0, 0.0), upright, soft];
         let points = [[0.5, 0.0], [0.5, 0.5], [1.0, 0.0], [1.0, 0.5], [1.0, 1.0]].map(DVec2::from);
         assert_eq!(gaps_at(&points, &contacts, 1e-6), [0.01, 0.0, 0.01, 0.02, 0.0]);
     }

@@ -11,8 +11,9 @@ use catoptric_scene::{Barycentric, Scene, TriangleId};
 use catoptric_trace::{MediumId, Tracer};
 
 use crate::contact::{Obstacles, Segment};
-use crate::draft::{Draft, DraftVertex, INSET, Leaf, edge};
+use crate::draft::{Draft, DraftVertex, Leaf, edge};
 use crate::face::FaceDraft;
+use crate::inset::INSET;
 use crate::triangulate::{CutMesh, cut};
 use crate::union::Union;
 

@@ -19,6 +19,7 @@ pub mod frames;
 pub mod gather;
 pub mod guide;
 mod hats;
+mod inset;
 mod lattice;
 mod lineage;
 pub mod media;

@@ -13,9 +13,10 @@ use crate::JOB;
 use crate::allocation::HIDDEN_TRUST;
 use crate::detail::{Detail, Details};
 use crate::display::Displayed;
-use crate::draft::{Draft, drawn_inside};
+use crate::draft::Draft;
 use crate::field::{Field, Found, Known, Look, mean};
 use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit, variance_of_halves};
+use crate::inset::drawn_inside;
 use crate::solve::SolveParams;
 
 /// Light of sources at a vertex.

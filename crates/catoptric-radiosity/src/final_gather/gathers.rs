@@ -12,11 +12,12 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use crate::JOB;
 use crate::allocation::{Allocation, areas_around, relative_deviation, vertex_budgets};
 use crate::display::Displayed;
-use crate::draft::{Draft, drawn_inside};
+use crate::draft::Draft;
 use crate::fit::FitSample;
 use crate::gather::{DiffuseLight, Gathered, Witness, gather_part};
 use crate::guide::{Findings, Guide, Hints};
 use crate::hats::{Hats, POINTS_AROUND};
+use crate::inset::drawn_inside;
 use crate::sharing::Sharing;
 use crate::solve::SolveParams;
 
