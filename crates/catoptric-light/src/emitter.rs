@@ -391,7 +391,7 @@ impl Emitters {
         self.lamps = lamps;
     }
 
-    /// The surfaces that are lamps; none where there are so many that each receiver had better ask a tree.
+    /// The surfaces, or pieces of them, that are lamps; none where there are so many that each receiver had better ask a tree.
     fn find_lamps(&self, tracer: &Tracer) -> Vec<Lamp> {
         let mut lamps = Vec::new();
         let scene = tracer.scene();
@@ -405,7 +405,7 @@ impl Emitters {
                 continue;
             }
             let Some(cell) = triangles.find_map(|t| cell_of[t]) else { continue };
-            lamps.extend(Lamp::new(tracer, surface, cell));
+            lamps.extend(Lamp::all_of(tracer, surface, cell).take(MAX_LAMPS + 1 - lamps.len()));
             if lamps.len() > MAX_LAMPS {
                 return Vec::new();
             }

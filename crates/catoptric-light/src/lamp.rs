@@ -1,22 +1,23 @@
-//! Lamps: closed convex surfaces that glow alike everywhere, such as bulbs and glowing boxes.
+//! Lamps: convex surfaces that glow alike everywhere, such as bulbs, tubes, discs and glowing boxes.
 //!
 //! Seen from outside, such a surface is its outline filled with one radiance, so that a receiver asks one polygon instead
 //! of hundreds of facets: Lambert's contour formula needs the outline alone (the edges between two facets that are
-//! both seen cancel), and shadow rays go where the outline is.
+//! both seen cancel), and shadow rays go where the outline is. Flat openings, as at the ends of a tube, count as facets that do
+//! not glow: who looks at one asks facet by facet.
 
 use std::collections::HashMap;
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
-use catoptric_scene::{AlphaMode, Rgb, Surface, TriangleId};
+use catoptric_scene::{AlphaMode, Rgb, Scene, Surface, TriangleId};
 use catoptric_trace::plane::Plane;
 use catoptric_trace::{PlaneId, Tracer};
 
 use crate::emitter::Cell;
 use crate::light_tree::Windows;
 
-/// A closed convex surface of one radiance.
+/// A convex surface of one radiance, closed but for flat openings.
 #[derive(Clone, Debug)]
 pub struct Lamp {
     /// What it sends everywhere outside.
@@ -30,6 +31,8 @@ pub struct Lamp {
     corners: Vec<DVec3>,
     facets: Facets,
     edges: Vec<Edge>,
+    /// What glows lies in this plane, if in one.
+    plane: PlaneId,
 }
 
 /// The planes of the facets, outward normal · x = offset, coordinate by coordinate.
@@ -38,6 +41,8 @@ struct Facets {
     normals: [Vec<f64>; 3],
     offsets: Vec<f64>,
     planes: Vec<PlaneId>,
+    /// From this one on they are openings.
+    glowing: usize,
 }
 
 impl Facets {
@@ -51,6 +56,11 @@ impl Facets {
 
     fn len(&self) -> usize {
         self.offsets.len()
+    }
+
+    fn normal(&self, facet: usize) -> DVec3 {
+        let [x, y, z] = &self.normals;
+        DVec3::new(x[facet], y[facet], z[facet])
     }
 
     /// Heights of a point above all facets.
@@ -107,74 +117,66 @@ pub enum Beyond {
 
 /// Corners at most: each pair of a facet and a corner is tested once.
 const MAX_CORNERS: usize = 1024;
+/// Corners of what may be flat at most.
+const MAX_FLAT_CORNERS: usize = 1 << 16;
 /// Share of the size by which a corner may stand out of a facet's plane: positions are f32, rounded in a transform, and a
 /// facet may be a fiftieth of the whole.
 const STANDS_OUT: f64 = 1e-5;
 /// Cosine between the axis of sight and an outline's corner below which the projection stretches too far.
 const MIN_COS: f64 = 0.1;
+/// Triangles at least: two of a plane are a cell, or two.
+const LEAST_TRIANGLES: u32 = 3;
 
 impl Lamp {
-    /// The surface as a lamp, if it is one: emits from its front alone, everywhere the same, and is closed and convex.
-    pub fn new(tracer: &Tracer, surface: &Surface, cell: &Cell) -> Option<Self> {
-        let scene = tracer.scene();
-        let material = &scene.materials()[surface.material.index()];
+    /// The lamps of a surface that emits from its front alone, everywhere the same: each of its pieces that is one. `cell` is any of its cells.
+    pub fn all_of<'a>(
+        tracer: &'a Tracer,
+        surface: &Surface,
+        cell: &'a Cell,
+    ) -> impl Iterator<Item = Self> + use<'a> {
+        let material = &tracer.scene().materials()[surface.material.index()];
         let plain = !cell.textured && cell.lobe.is_diffuse() && material.alpha_mode == AlphaMode::Opaque;
-        let triangles = surface.triangles.clone();
-        // A tetrahedron is the least that is closed.
-        if !plain || triangles.len() < 4 || triangles.clone().any(|t| tracer.has_back(TriangleId(t))) {
+        let triangles = if plain { surface.triangles.clone() } else { 0..0 };
+        pieces(tracer.scene(), triangles)
+            .into_iter()
+            .filter_map(move |piece| Self::new(tracer, piece, cell.radiance))
+    }
+
+    /// The triangles as a lamp, if they are one: convex, and closed but for flat openings.
+    fn new(tracer: &Tracer, triangles: Range<u32>, radiance: Rgb) -> Option<Self> {
+        let mut ids = triangles.clone().map(TriangleId);
+        if triangles.len() < LEAST_TRIANGLES as usize || ids.any(|t| tracer.has_back(t)) {
             return None;
         }
-        let mut lamp = Self {
-            radiance: cell.radiance,
-            triangles: triangles.clone(),
-            cells: 0..0,
-            center: DVec3::ZERO,
-            radius: 0.0,
-            corners: Vec::new(),
-            facets: Facets::default(),
-            edges: Vec::new(),
-        };
-        let mut known: HashMap<[u32; 3], u32> = HashMap::new();
-        // Half-edges wait for their partner.
-        let mut open: HashMap<(u32, u32), u32> = HashMap::new();
-        for id in triangles.map(TriangleId) {
-            let corners = scene.corners(id);
-            let ids = corners.map(|c| {
-                let key = [c.x, c.y, c.z].map(|v| (v + 0.0).to_bits());
-                *known.entry(key).or_insert_with(|| {
-                    lamp.corners.push(c.as_dvec3());
-                    lamp.corners.len() as u32 - 1
-                })
-            });
-            if lamp.corners.len() > MAX_CORNERS {
-                return None;
-            }
-            // The poles of a sphere have triangles without area.
-            if ids[0] == ids[1] || ids[1] == ids[2] || ids[2] == ids[0] {
-                continue;
-            }
-            let [a, b, c] = corners.map(|c| c.as_dvec3());
-            let normal = (b - a).cross(c - a).try_normalize()?;
-            let facet = lamp.facets.len() as u32;
-            lamp.facets.push(normal, normal.dot(a), tracer.planes().of(id));
-            for (from, to) in [(ids[0], ids[1]), (ids[1], ids[2]), (ids[2], ids[0])] {
-                if let Some(other) = open.remove(&(to, from)) {
-                    lamp.edges.push(Edge { ends: [to, from], facets: [other, facet] });
-                } else if open.insert((from, to), facet).is_some() {
-                    return None;
-                }
-            }
+        let mut shape = Shape::default();
+        for id in triangles.clone().map(TriangleId) {
+            shape.add(tracer, id)?;
         }
-        if !open.is_empty() || lamp.facets.len() < 4 {
+        let first = *shape.facets.planes.first()?;
+        let is_flat = first != PlaneId::NONE && shape.facets.planes.iter().all(|p| *p == first);
+        shape.close()?;
+        if is_flat {
+            shape.keep_border()?;
+        }
+        let Shape { corners, facets, edges, .. } = shape;
+        if corners.len() > MAX_CORNERS {
             return None;
         }
-        lamp.center = lamp.corners.iter().sum::<DVec3>() / lamp.corners.len() as f64;
-        lamp.radius = lamp.corners.iter().map(|c| (*c - lamp.center).length()).fold(0.0, f64::max);
-        let slack = STANDS_OUT * lamp.radius;
+        let center = corners.iter().sum::<DVec3>() / corners.len() as f64;
+        let radius = corners.iter().map(|c| (*c - center).length()).fold(0.0, f64::max);
+        let slack = STANDS_OUT * radius;
         // One closed surface, not several, all of whose corners lie behind every facet.
-        let stands_out = |corner: &DVec3| lamp.facets.heights(*corner).any(|height| height > slack);
-        let is_whole = lamp.corners.len() + lamp.facets.len() == lamp.edges.len() + 2;
-        (is_whole && !lamp.corners.iter().any(stands_out)).then_some(lamp)
+        let stands_out = |corner: &DVec3| facets.heights(*corner).any(|height| height > slack);
+        let is_whole = corners.len() + facets.len() == edges.len() + 2;
+        let is_convex = is_whole && !corners.iter().any(stands_out);
+        let plane = if is_flat { first } else { PlaneId::NONE };
+        let lamp = Self { radiance, triangles, cells: 0..0, center, radius, corners, facets, edges, plane };
+        is_convex.then_some(lamp)
+    }
+
+    /// The plane that it lies in, if it is flat.
+    pub fn plane(&self) -> Option<PlaneId> {
+        (self.plane != PlaneId::NONE).then_some(self.plane)
     }
 
     /// Whether any of it may be seen through the windows.
@@ -211,7 +213,16 @@ impl Lamp {
         outline.axis = axis;
         outline.facing.clear();
         outline.facing.extend(self.facets.heights(eye).map(|height| height > 0.0));
-        if hidden != PlaneId::NONE && self.facets.planes.contains(&hidden) {
+        if let Some(plane) = self.plane() {
+            if plane == hidden || !outline.facing[0] {
+                return Sight::Hidden;
+            }
+            outline.axis = -self.facets.normal(0);
+            outline.corners.extend(&self.corners);
+            return Sight::Outline;
+        }
+        let faces_opening = outline.facing[self.facets.glowing..].contains(&true);
+        if faces_opening || hidden != PlaneId::NONE && self.facets.planes.contains(&hidden) {
             return Sight::Facets;
         }
         // Each edge between a facet that is seen and one that is not, in the sense of the one that is.
@@ -263,4 +274,146 @@ impl Lamp {
         }
         Sight::Outline
     }
+}
+
+/// A surface as it is put together.
+#[derive(Default)]
+struct Shape {
+    corners: Vec<DVec3>,
+    facets: Facets,
+    edges: Vec<Edge>,
+    known: HashMap<[u32; 3], u32>,
+    /// Facets with an edge, by the corners that it runs between, that wait for the facet beyond.
+    open: HashMap<(u32, u32), u32>,
+}
+
+impl Shape {
+    /// Adds a triangle. `None` where the whole is no lamp.
+    fn add(&mut self, tracer: &Tracer, id: TriangleId) -> Option<()> {
+        let corners = tracer.scene().corners(id);
+        let ids = corners.map(|c| {
+            *self.known.entry(key_of(c)).or_insert_with(|| {
+                self.corners.push(c.as_dvec3());
+                self.corners.len() as u32 - 1
+            })
+        });
+        // The poles of a sphere have triangles without area.
+        if ids[0] == ids[1] || ids[1] == ids[2] || ids[2] == ids[0] {
+            return Some(());
+        }
+        if self.corners.len() > MAX_FLAT_CORNERS {
+            return None;
+        }
+        let [a, b, c] = corners.map(|c| c.as_dvec3());
+        let normal = (b - a).cross(c - a).try_normalize()?;
+        let facet = self.facets.len() as u32;
+        self.facets.push(normal, normal.dot(a), tracer.planes().of(id));
+        for (from, to) in [(ids[0], ids[1]), (ids[1], ids[2]), (ids[2], ids[0])] {
+            if let Some(other) = self.open.remove(&(to, from)) {
+                self.edges.push(Edge { ends: [to, from], facets: [other, facet] });
+            } else if self.open.insert((from, to), facet).is_some() {
+                return None;
+            }
+        }
+        Some(())
+    }
+
+    /// Closes each opening by a facet, in the order of their first corners. `None` where one touches itself.
+    fn close(&mut self) -> Option<()> {
+        self.facets.glowing = self.facets.len();
+        let mut border: Vec<((u32, u32), u32)> = self.open.drain().collect();
+        border.sort_unstable();
+        let mut next = vec![None; self.corners.len()];
+        for &((from, to), facet) in &border {
+            if next[from as usize].replace((to, facet)).is_some() {
+                return None;
+            }
+        }
+        for ((start, _), _) in border {
+            let opening = self.facets.len() as u32;
+            // Twice its area, along its normal: it runs against its neighbours.
+            let mut area = DVec3::ZERO;
+            let origin = self.corners[start as usize];
+            let mut at = start;
+            while let Some((to, facet)) = next[at as usize].take() {
+                self.edges.push(Edge { ends: [at, to], facets: [facet, opening] });
+                let [a, b] = [at, to].map(|c| self.corners[c as usize] - origin);
+                area -= a.cross(b);
+                at = to;
+            }
+            // Others have been gone around with the first of their corners.
+            if at != start || area != DVec3::ZERO {
+                let normal = area.try_normalize().filter(|_| at == start)?;
+                self.facets.push(normal, normal.dot(origin), PlaneId::NONE);
+            }
+        }
+        Some(())
+    }
+
+    /// Of a flat shape, only its border matters, and of that the corners where it turns. `None` where it turns inwards, or where there
+    /// are several borders.
+    fn keep_border(&mut self) -> Option<()> {
+        let (facets, glowing) = (&self.facets, self.facets.glowing);
+        // Immersed discs turn around once, so that one that never turns inwards is convex.
+        let is_disc = self.corners.len() + facets.len() == self.edges.len() + 2;
+        if !is_disc || facets.len() != glowing + 1 {
+            return None;
+        }
+        let normal = facets.normal(0);
+        let border = self.edges.iter().filter(|e| e.facets[1] as usize == glowing);
+        // As they were added: one after the other.
+        let around: Vec<DVec3> = border.map(|e| self.corners[e.ends[0] as usize]).collect();
+        let count = around.len();
+        let mut corners = Vec::new();
+        for index in 0..count {
+            let [a, b, c] = [count - 1, 0, 1].map(|step| around[(index + step) % count]);
+            let (before, after) = (b - a, c - b);
+            let turn = before.cross(after).dot(normal) / (before.length() * after.length());
+            if turn < -STRAIGHT || before.dot(after) < 0.0 && turn < STRAIGHT {
+                return None;
+            }
+            if turn > STRAIGHT {
+                corners.push(b);
+            }
+        }
+        let count = corners.len() as u32;
+        if count < 3 {
+            return None;
+        }
+        let mut flat = Facets::default();
+        flat.push(normal, facets.offsets[0], facets.planes[0]);
+        flat.glowing = 1;
+        flat.push(-normal, -facets.offsets[0], PlaneId::NONE);
+        self.edges = (0..count).map(|i| Edge { ends: [i, (i + 1) % count], facets: [0, 1] }).collect();
+        (self.corners, self.facets) = (corners, flat);
+        Some(())
+    }
+}
+
+/// Sine of the angle between edges that count as one: rounding of f32 in edges of a fiftieth of the whole.
+const STRAIGHT: f64 = 1e-4;
+
+/// The runs of triangles that share no corner with others.
+fn pieces(scene: &Scene, triangles: Range<u32>) -> Vec<Range<u32>> {
+    let mut last: HashMap<[u32; 3], u32> = HashMap::new();
+    for id in triangles.clone() {
+        for corner in scene.corners(TriangleId(id)) {
+            last.insert(key_of(corner), id);
+        }
+    }
+    let (mut pieces, mut start, mut reach) = (Vec::new(), triangles.start, triangles.start);
+    for id in triangles {
+        let corners = scene.corners(TriangleId(id));
+        reach = corners.map(|c| last[&key_of(c)]).into_iter().fold(reach, u32::max);
+        if id == reach {
+            pieces.push(start..id + 1);
+            (start, reach) = (id + 1, id + 1);
+        }
+    }
+    pieces
+}
+
+/// A corner by its bits; both zeros are one.
+fn key_of(corner: Vec3) -> [u32; 3] {
+    corner.to_array().map(|v| (v + 0.0).to_bits())
 }

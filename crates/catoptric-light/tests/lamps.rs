@@ -1,5 +1,7 @@
 //! Lamps against their facets, and empty pyramids against shadow rays.
 
+use std::ops::Range;
+
 use catoptric_light::emitter::Emitters;
 use catoptric_light::irradiance::Scratch;
 use catoptric_light::{LightParams, Lights, Receiver, contour};
@@ -10,7 +12,7 @@ use catoptric_trace::PlaneId;
 use catoptric_trace::Tracer;
 use catoptric_trace::beam::{Base, End, Pyramid, Suspects};
 use catoptric_trace::sequence::{Key, Purpose};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3, Vec3Swizzles};
 
 fn glowing(parts: &mut SceneParts) -> MaterialId {
     parts.add_material(Material::emitter("glowing", Radiance(Rgb::splat(3.0))))
@@ -31,24 +33,80 @@ fn receiver(tracer: &Tracer, position: Vec3, normal: Vec3) -> Receiver {
     Receiver { position, plane: PlaneId::NONE, normal, geometric: normal, ..on }
 }
 
-/// A convex body is its outline: the light of a ball and of a box, straight and cut by the horizon, is the sum over their
-/// facets, wherever the receiver is. Both are f64 from the same corners, so only roundings differ.
+/// Adds a surface of all triangles that two others have.
+fn add_joined(parts: &mut SceneParts, material: MaterialId, build: impl Fn(&mut SceneParts, MaterialId)) {
+    let mut own = SceneParts::default();
+    build(&mut own, material);
+    let positions: Vec<Vec3> = own.vertices.iter().map(|v| v.position).collect();
+    let triangles: Vec<[u32; 3]> = own.triangles.iter().map(|t| t.vertices).collect();
+    parts.add_triangles("joined", material, &positions, &triangles);
+}
+
+/// Points on a circle about the y axis.
+fn ring(radius: f32, y: f32, count: u32) -> Vec<Vec3> {
+    let at = |k: u32| Vec2::from_angle(k as f32 / count as f32 * std::f32::consts::TAU) * radius;
+    (0..count).map(|k| Vec3::new(at(k).x, y, -at(k).y)).collect()
+}
+
+/// A disc that faces up, of triangles around its middle.
+fn add_disc(parts: &mut SceneParts, material: MaterialId, y: f32, count: u32) {
+    let mut positions = ring(0.3, y, count);
+    positions.push(Vec3::Y * y);
+    let triangles: Vec<[u32; 3]> = (0..count).map(|k| [k, (k + 1) % count, count]).collect();
+    parts.add_triangles("disc", material, &positions, &triangles);
+}
+
+/// The side of a cylinder, open at its ends.
+fn add_tube(parts: &mut SceneParts, material: MaterialId, count: u32) {
+    let positions = [ring(0.2, -0.3, count), ring(0.2, 0.4, count)].concat();
+    let quad = |k: u32| [k, (k + 1) % count, count + (k + 1) % count, count + k];
+    let triangles: Vec<[u32; 3]> =
+        (0..count).map(quad).flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    parts.add_triangles("tube", material, &positions, &triangles);
+}
+
+/// A square that faces down, of 2 n² triangles.
+fn add_grid(parts: &mut SceneParts, material: MaterialId, n: u32) {
+    let at = |k: u32| Vec3::new((k % (n + 1)) as f32, 0.0, (k / (n + 1)) as f32) * (0.5 / n as f32);
+    let positions: Vec<Vec3> = (0..(n + 1) * (n + 1)).map(at).collect();
+    let corner = |x: u32, z: u32| z * (n + 1) + x;
+    let triangles: Vec<[u32; 3]> = (0..n * n)
+        .map(|k| (k % n, k / n))
+        .map(|(x, z)| [corner(x, z), corner(x + 1, z), corner(x + 1, z + 1), corner(x, z + 1)])
+        .flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]])
+        .collect();
+    parts.add_triangles("grid", material, &positions, &triangles);
+}
+
+/// A convex body is its outline: the light of balls, boxes, discs and tubes, straight and cut by the horizon, is the sum over their
+/// facets, wherever the receiver is, but for what of them is hidden behind others of them. Both are f64 from the same corners, so only
+/// roundings differ.
 #[test]
 fn a_lamp_shines_as_its_facets_do() {
-    for (name, ball) in [("ball", true), ("box", false)] {
+    type Build = fn(&mut SceneParts, MaterialId);
+    let cases: [(&str, usize, Build); 6] = [
+        ("ball", 1, |p, m| p.add_sphere("lamp", m, Vec3::ZERO, 0.3, 12)),
+        ("box", 1, |p, m| p.add_box("lamp", m, Vec3::splat(-0.25), Vec3::new(0.1, 0.3, 0.2), false)),
+        ("disc", 1, |p, m| add_disc(p, m, 0.1, 24)),
+        ("grid", 1, |p, m| add_grid(p, m, 6)),
+        ("tube", 1, |p, m| add_tube(p, m, 16)),
+        ("ball and box", 2, |p, m| {
+            add_joined(p, m, |p, m| {
+                p.add_sphere("", m, Vec3::ZERO, 0.3, 12);
+                p.add_box("", m, Vec3::splat(0.4), Vec3::new(0.8, 0.5, 0.6), false);
+            });
+        }),
+    ];
+    for (name, lamps, build) in cases {
         let mut parts = SceneParts::default();
         let material = glowing(&mut parts);
-        if ball {
-            parts.add_sphere("lamp", material, Vec3::ZERO, 0.3, 12);
-        } else {
-            parts.add_box("lamp", material, Vec3::splat(-0.25), Vec3::new(0.1, 0.3, 0.2), false);
-        }
+        build(&mut parts, material);
         let scrap = white(&mut parts);
         parts.add_quad("scrap", scrap, Vec3::Y * -50.0, Vec3::Z, Vec3::X);
         let scene = Scene::new(parts).expect("a valid scene");
         let tracer = Tracer::new(&scene);
         let lights = Lights::new(&tracer, LightParams::default());
-        assert_eq!(lights.emitters().lamps().len(), 1, "{name}");
+        assert_eq!(lights.emitters().lamps().len(), lamps, "{name}");
         let (mut scratch, key) = (Scratch::default(), Key::new(1, Purpose::Test, 0));
         let mut lit = 0;
         for index in 0..2000 {
@@ -63,6 +121,7 @@ fn a_lamp_shines_as_its_facets_do() {
                 .filter(faces)
                 .map(|c| 3.0 * contour::irradiance(p, n, &c.polygon()))
                 .sum();
+            let ball = name.starts_with("ball");
             let inside = if ball { position.length() < 0.3 } else { facets == 0.0 };
             if inside {
                 continue;
@@ -73,6 +132,40 @@ fn a_lamp_shines_as_its_facets_do() {
             assert!((found - facets).abs() < 1e-9 + 1e-6 * facets, "{name} {index}: {found} {facets}");
         }
         assert!(lit > 500, "{lit} of 2000 see the {name}");
+    }
+}
+
+/// Nothing is between a receiver and a lamp but the lamp: all its light arrives, by no shadow ray, whatever it lies on or touches.
+#[test]
+fn a_flat_lamp_or_a_tube_does_not_hide_itself() {
+    type Build = fn(&mut SceneParts, MaterialId);
+    // Who looks into a tube asks facet by facet.
+    let cases: [(Build, Range<f32>); 3] = [
+        (|p, m| add_disc(p, m, -0.99, 24), -1.0..1.0),
+        (|p, m| add_tube(p, m, 16), -0.3..0.4),
+        (|p, m| add_grid(p, m, 6), -1.0..1.0),
+    ];
+    for (build, heights) in cases {
+        let mut parts = SceneParts::default();
+        let (material, wall) = (glowing(&mut parts), white(&mut parts));
+        build(&mut parts, material);
+        parts.add_box("room", wall, Vec3::splat(-1.0), Vec3::ONE, true);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let lights = Lights::new(&tracer, LightParams::default());
+        let (mut scratch, key, mut lit) = (Scratch::default(), Key::new(4, Purpose::Test, 0), 0);
+        for index in 0..1000 {
+            let (position, normal) =
+                (point(key, index) * 0.9, point(key.child(7), index).normalize_or(Vec3::Y));
+            if position.xz().length() < 0.5 || !heights.contains(&position.y) {
+                continue;
+            }
+            let found = lights.direct(&receiver(&tracer, position, normal), 16, key, &mut scratch);
+            assert!((found.irradiance.x - found.unoccluded.x).abs() <= 1e-6 * found.unoccluded.x, "{index}");
+            lit += u32::from(found.irradiance.x > 0.0);
+        }
+        assert!(lit > 100, "{lit} of 1000 see it");
+        assert_eq!(scratch.rays, 0);
     }
 }
 
@@ -260,6 +353,31 @@ fn what_is_open_or_dented_or_many_is_no_lamp() {
     // Inside out it lights its inside.
     assert_eq!(lamps(&|p, m| p.add_box("room", m, Vec3::ZERO, Vec3::ONE, true)), 0);
     assert_eq!(lamps(&|p, m| p.add_quad("sheet", m, Vec3::ZERO, Vec3::X, Vec3::Z)), 0);
+    assert_eq!(lamps(&|p, m| add_disc(p, m, 0.0, 12)), 1);
+    // With a bite, with a dent in its border, with a hole, folded.
+    let disc = |count: u32, change: fn(&mut SceneParts)| {
+        lamps(&move |p: &mut SceneParts, m| {
+            add_disc(p, m, 0.0, count);
+            change(p);
+        })
+    };
+    assert_eq!(disc(12, |_| {}), 1);
+    let bite = |p: &mut SceneParts| {
+        p.triangles.truncate(9);
+        p.surfaces[0].triangles.end = 9;
+    };
+    assert_eq!(disc(12, bite), 0);
+    assert_eq!(disc(12, |p| p.vertices[3].position *= 0.8), 0);
+    assert_eq!(disc(12, |p| p.vertices[12].position.y = -0.1), 0);
+    // As a hat, convex and open below, it is one.
+    assert_eq!(disc(12, |p| p.vertices[12].position.y = 0.1), 1);
+    let ring_of = |p: &mut SceneParts, m| {
+        let positions = [ring(0.3, 0.0, 8), ring(0.1, 0.0, 8)].concat();
+        let triangles: Vec<[u32; 3]> =
+            (0..8).flat_map(|k| [[k, (k + 1) % 8, 8 + k], [(k + 1) % 8, 8 + (k + 1) % 8, 8 + k]]).collect();
+        p.add_triangles("ring", m, &positions, &triangles);
+    };
+    assert_eq!(lamps(&ring_of), 0);
     let dented = |p: &mut SceneParts, m| {
         p.add_sphere("ball", m, Vec3::ZERO, 1.0, 8);
         p.vertices[20].position *= 0.8;

@@ -16,7 +16,7 @@ use crate::lamp::Lamp;
 use crate::receiver::Receiver;
 
 use super::seen::{LampPart, Piece};
-use super::way::Way;
+use super::way::{Passing, Way};
 use super::{LOOK, Lights, Scratch, Standpoint};
 
 /// What shadow rays go to.
@@ -24,7 +24,7 @@ use super::{LOOK, Lights, Scratch, Standpoint};
 pub(super) enum Goal<'a> {
     /// A point in a plane.
     Plane(PlaneId),
-    /// The first of a lamp's triangles that they meet.
+    /// The first of the triangles of a lamp, which is not flat, that they meet.
     Lamp(&'a Lamp),
 }
 
@@ -67,7 +67,7 @@ impl<'a> Target<'a> {
             unit: part.unit,
             axis: part.axis,
             corners: &corners[part.corners.clone()],
-            to: Goal::Lamp(lamp),
+            to: lamp.plane().map_or(Goal::Lamp(lamp), Goal::Plane),
             cell: None,
             whole: None,
         }
@@ -223,7 +223,8 @@ impl Lights<'_> {
         self.shoot(at, target, &shots, first..count, &mut sums, scratch, tally)
     }
 
-    /// Irradiance by a target that is seen wholly or in parts that are known. What its light passes on the way is smooth.
+    /// Irradiance by a target that is seen wholly or in parts that are known. What its light passes on the way is smooth, or takes all
+    /// the samples.
     fn known(
         &self,
         at: Standpoint,
@@ -235,16 +236,18 @@ impl Lights<'_> {
     ) -> Rgb {
         let (parts, passes) = match way {
             Way::Seen { unit, passes } => (Some(unit), passes),
-            _ => (None, false),
+            _ => (None, Passing::Nothing),
         };
         let unit = parts.unwrap_or(target.unit);
         tally.exact(unit / target.unit);
         let is_textured = target.cell.is_some_and(|cell| cell.textured);
-        if unit <= 0.0 || at.chain.is_none() && !is_textured && !passes && self.is_plain(at.receiver) {
+        let passes_nothing = at.chain.is_none() && passes == Passing::Nothing;
+        if unit <= 0.0 || passes_nothing && !is_textured && self.is_plain(at.receiver) {
             return target.radiance * unit as f32;
         }
-        let count = if is_textured { shots.count } else { shots.count.min(FREE_SAMPLES) };
-        let shots = Shots { count, parts, free: at.chain.is_none() && !passes, ..*shots };
+        let varies = is_textured || passes == Passing::Varied;
+        let count = if varies { shots.count } else { shots.count.min(FREE_SAMPLES) };
+        let shots = Shots { count, parts, free: passes_nothing, ..*shots };
         self.shoot(at, target, &shots, 0..count, &mut Sums::default(), scratch, tally)
     }
 

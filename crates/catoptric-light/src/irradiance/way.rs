@@ -3,6 +3,7 @@
 
 use glam::{DVec3, Vec3};
 
+use catoptric_scene::{AlphaMode, Material};
 use catoptric_trace::beam::{Base, End, Pyramid, Suspect, Suspects};
 use catoptric_trace::plane::Plane;
 use catoptric_trace::{PlaneId, Tracer};
@@ -23,13 +24,38 @@ pub(super) enum Way {
     Seen {
         /// Its irradiance by unit radiance.
         unit: f64,
-        /// Something that lets light pass may be before it.
-        passes: bool,
+        /// What lets light pass before it.
+        passes: Passing,
     },
     /// The suspects in the scratch, at most.
     Among,
     /// No more than that something may be.
     Unknown,
+}
+
+/// What may lie before a target and lets its light pass undeviated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Passing {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// Clear panes: as smooth as Fresnel's transmittance, and beside them hardly more arrives.
+    Clear,
+    /// What is tinted or textured, perhaps beside what is not: what arrives may vary as at edges.
+    Varied,
+}
+
+/// Tint of a pane, at normal incidence, from which on it is clear.
+const CLEAR: f32 = 0.9;
+
+impl Passing {
+    fn of(material: &Material) -> Self {
+        let plain = material.alpha_mode == AlphaMode::Opaque
+            && material.base_texture.is_none()
+            && material.transmission_texture.is_none();
+        let is_clear = plain && material.transmission >= 1.0 && material.base_color.min_element() >= CLEAR;
+        if is_clear { Self::Clear } else { Self::Varied }
+    }
 }
 
 /// A packet of suspects is worth its finding if so many rays ask it.
@@ -123,7 +149,7 @@ impl Lights<'_> {
 pub(super) struct Remainder {
     parts: Parts,
     is_begun: bool,
-    passes: bool,
+    passes: Passing,
     triangles: Vec<Suspect>,
     blockers: Vec<Blocker>,
     order: Vec<(f32, u32)>,
@@ -133,7 +159,7 @@ pub(super) struct Remainder {
 impl Remainder {
     fn reset(&mut self) {
         self.is_begun = false;
-        self.passes = false;
+        self.passes = Passing::Nothing;
     }
 
     /// Cuts the shadows of what is suspected between two ends out of a target, whose image behind `mirrors` is seen from `eye`.
@@ -157,12 +183,12 @@ impl Remainder {
         self.triangles.extend(tracer.suspected(suspects));
         self.triangles.sort_unstable_by_key(|suspect| suspect.id);
         self.blockers.clear();
-        for &Suspect { corners, plane, passes, cut_out, .. } in &self.triangles {
+        for &Suspect { id, corners, plane, passes, cut_out } in &self.triangles {
             if cut_out {
                 return None;
             }
             if passes {
-                self.passes = true;
+                self.passes = self.passes.max(Passing::of(tracer.scene().material_of(id)));
                 continue;
             }
             let mut triangles = self.blockers.iter_mut().filter(|b| b.plane == plane && b.count == 3);
