@@ -57,7 +57,7 @@ pub(crate) fn needs(
     same: f32,
     exposure: f32,
 ) -> Vec<Need> {
-    let shown = |light: Rgb| (light / exposure + Rgb::splat(DARK)).map(libm::logf);
+    let shown = |light| shown(light, exposure);
     let looks: Vec<Look> = pixels
         .par_iter()
         .with_min_len(1024)
@@ -73,6 +73,11 @@ pub(crate) fn needs(
         .with_min_len(1024)
         .map(|i| need(&looks, width, height, i % width, i / width, contrast, same))
         .collect()
+}
+
+/// Light as it is displayed, in natural logarithms, where `exposure` is the mean luminance of the picture.
+pub(crate) fn shown(light: Rgb, exposure: f32) -> Rgb {
+    (light / exposure + Rgb::splat(DARK)).map(libm::logf)
 }
 
 /// Mean luminance of a picture, more than zero.

@@ -2,7 +2,7 @@
 
 use std::f32::consts::PI;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use catoptric_light::{Lights, Receiver, irradiance};
 use catoptric_scene::quantity::LUMINANCE;
@@ -65,6 +65,10 @@ pub struct Sample {
     pub squares: f32,
     /// Sums of these luminances on either side of a lamp's outline that crosses the pixel, by which it is stratified; `None` if none does.
     pub sides: Option<[f32; 2]>,
+    /// Where the pixel is made of samples, what the ray through its centre showed, as displayed.
+    pub centre: Rgb,
+    /// Neighbours towards which samples found what centres do not show.
+    pub between: Neighbours,
     /// The first hit; `None` for the sky.
     pub first: Option<Hit>,
     /// Hash of what was met along all but the faintest branches: samples that differ in it straddle an edge.
@@ -84,6 +88,8 @@ impl Sample {
         samples: 0,
         squares: 0.0,
         sides: None,
+        centre: Rgb::ZERO,
+        between: Neighbours::NONE,
         first: None,
         trail: 0,
         rim: 0,
@@ -105,6 +111,35 @@ impl Sample {
         variance.sqrt() / (mean + DARK * exposure)
     }
 }
+
+/// Some of the eight neighbours of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Neighbours(u8);
+
+impl Neighbours {
+    /// None.
+    pub(crate) const NONE: Self = Self(0);
+
+    /// Adds those on whose side of the centre a place in the pixel's unit square lies.
+    pub(crate) fn add(&mut self, place: Vec2) {
+        let [x, y] = [place.x, place.y].map(|v| usize::from(v >= 0.5));
+        // Beside, below or above, and across the corner: by the bits of `STEPS`.
+        self.0 |= [[0b0000_1011, 0b0001_0110], [0b0110_1000, 0b1101_0000]][y][x];
+    }
+
+    /// Their indices in a picture of so many columns and rows.
+    pub(crate) fn of(self, index: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
+        let (x, y) = ((index % width) as i64, (index / width) as i64);
+        let steps = STEPS.into_iter().enumerate().filter(move |(bit, _)| self.0 >> bit & 1 == 1);
+        let places = steps.map(move |(_, (dx, dy))| (x + dx, y + dy));
+        let inside =
+            move |p: &(i64, i64)| (0..width as i64).contains(&p.0) && (0..height as i64).contains(&p.1);
+        places.filter(inside).map(move |(x, y)| y as usize * width + x as usize)
+    }
+}
+
+/// From a pixel to its neighbours, row by row.
+const STEPS: [(i64, i64); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
 
 /// Reused buffers of one thread.
 #[derive(Debug, Default)]
@@ -191,6 +226,8 @@ impl Eye<'_> {
             samples: 0,
             squares: 0.0,
             sides: None,
+            centre: Rgb::ZERO,
+            between: Neighbours::NONE,
             first,
             trail,
             rim,
