@@ -189,7 +189,9 @@ const VIEW_RAYS: u32 = 2048;
 const MAX_BROAD: usize = 16;
 
 /// Each receiver asks every lamp.
-const MAX_LAMPS: usize = 32;
+const MAX_LAMPS: usize = 256;
+/// Facets of all lamps at most: each receiver asks of every one whether it faces it.
+const MAX_FACETS: usize = 1 << 17;
 
 /// Texture samples along each side of a cell that find its mean radiance; half as many where cells are many.
 const TEXTURE_SAMPLES: u32 = 16;
@@ -406,7 +408,7 @@ impl Emitters {
             }
             let Some(cell) = triangles.find_map(|t| cell_of[t]) else { continue };
             lamps.extend(Lamp::all_of(tracer, surface, cell).take(MAX_LAMPS + 1 - lamps.len()));
-            if lamps.len() > MAX_LAMPS {
+            if lamps.len() > MAX_LAMPS || lamps.iter().map(Lamp::facet_count).sum::<usize>() > MAX_FACETS {
                 return Vec::new();
             }
         }

@@ -122,6 +122,10 @@ const MAX_FLAT_CORNERS: usize = 1 << 16;
 /// Share of the size by which a corner may stand out of a facet's plane: positions are f32, rounded in a transform, and a
 /// facet may be a fiftieth of the whole.
 const STANDS_OUT: f64 = 1e-5;
+/// The same by rounding (2⁻²⁴ of a coordinate) far from the origin, as facets of a twentieth of the whole lengthen it, and the share of the size
+/// above which it would hide dents.
+const ROUNDING: f64 = 1.2e-6;
+const STANDS_OUT_AT_MOST: f64 = 1e-3;
 /// Cosine between the axis of sight and an outline's corner below which the projection stretches too far.
 const MIN_COS: f64 = 0.1;
 /// Triangles at least: two of a plane are a cell, or two.
@@ -164,7 +168,8 @@ impl Lamp {
         }
         let center = corners.iter().sum::<DVec3>() / corners.len() as f64;
         let radius = corners.iter().map(|c| (*c - center).length()).fold(0.0, f64::max);
-        let slack = STANDS_OUT * radius;
+        let rounding = ROUNDING * center.abs().max_element();
+        let slack = rounding.clamp(STANDS_OUT * radius, STANDS_OUT_AT_MOST * radius);
         // One closed surface, not several, all of whose corners lie behind every facet.
         let stands_out = |corner: &DVec3| facets.heights(*corner).any(|height| height > slack);
         let is_whole = corners.len() + facets.len() == edges.len() + 2;
@@ -177,6 +182,11 @@ impl Lamp {
     /// The plane that it lies in, if it is flat.
     pub fn plane(&self) -> Option<PlaneId> {
         (self.plane != PlaneId::NONE).then_some(self.plane)
+    }
+
+    /// Number of its facets.
+    pub fn facet_count(&self) -> usize {
+        self.facets.len()
     }
 
     /// Whether any of it may be seen through the windows.

@@ -203,6 +203,47 @@ fn a_lamp_is_covered_as_its_facets_are() {
     }
 }
 
+/// Discs so many that they share a few rays give what each with its own gives, behind a screen that covers a part of
+/// them: the mean of 4000 looks, within four of its standard errors (found by the looks) and that of what it is held against
+/// (4096 rays for each disc: edges are crossed by a fiftieth of their strata, 1e-3).
+#[test]
+fn many_flat_lamps_share_their_rays_without_bias() {
+    let mut parts = SceneParts::default();
+    let (glow, wall) = (glowing(&mut parts), white(&mut parts));
+    add_joined(&mut parts, glow, |p, m| {
+        let triangles: Vec<[u32; 3]> = (1..11).map(|k| [0, k + 1, k]).collect();
+        for index in 0..64 {
+            let place = Vec3::new((index % 8) as f32 - 3.5, 1.0, (index / 8) as f32 - 3.5);
+            let corners: Vec<Vec3> = ring(0.1, 0.0, 12).into_iter().map(|c| place + c).collect();
+            p.add_triangles("disc", m, &corners, &triangles);
+        }
+    });
+    // Of so many slats that their shadows are not cut out.
+    for slat in 0..1500 {
+        let at = Vec3::new(-4.0, 0.5, -1.0 + slat as f32 * 1e-3);
+        parts.add_quad("slat", wall, at, Vec3::X * 4.3, Vec3::Z * 1e-3);
+    }
+    let scene = Scene::new(parts).expect("a valid scene");
+    let tracer = Tracer::new(&scene);
+    let lights = Lights::new(&tracer, LightParams::default());
+    assert_eq!(lights.emitters().lamps().len(), 64);
+    let receiver = receiver(&tracer, Vec3::new(0.2, 0.0, 0.1), Vec3::Y);
+    let mut scratch = Scratch::default();
+    let mut look = |samples: u32, key: u32| {
+        lights.direct(&receiver, samples, Key::new(key, Purpose::Test, 0), &mut scratch)
+    };
+    let truth = f64::from(look(64 * 4096, 0).irradiance.x);
+    let whole = f64::from(look(16, 0).unoccluded.x);
+    assert!(truth > 0.3 * whole && truth < 0.8 * whole, "{truth} of {whole}");
+    let looks: Vec<f64> = (0..4000).map(|k| f64::from(look(16, k).irradiance.x)).collect();
+    let mean = looks.iter().sum::<f64>() / 4000.0;
+    let variance = looks.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / 4000.0;
+    let allowed = 4.0 * (variance / 4000.0).sqrt() + 1e-3 * truth;
+    assert!((mean - truth).abs() < allowed, "{mean} {truth} ± {allowed}");
+    // As noisy as systematic samples of half the rays at worst: a binomial's share.
+    assert!(variance < whole * whole / 32.0, "{variance}");
+}
+
 /// What says that it is empty is: no shadow ray in it is blocked. And it says so of most that are.
 #[test]
 fn an_empty_pyramid_has_no_shadow() {
@@ -383,12 +424,17 @@ fn what_is_open_or_dented_or_many_is_no_lamp() {
         p.vertices[20].position *= 0.8;
     };
     assert_eq!(lamps(&dented), 0);
-    let many = |p: &mut SceneParts, m| {
-        for index in 0..40 {
-            p.add_sphere(&format!("ball {index}"), m, Vec3::X * index as f32, 0.3, 6);
-        }
+    let many = |count: u32, around: u32| {
+        lamps(&move |p: &mut SceneParts, m| {
+            for index in 0..count {
+                p.add_sphere(&format!("ball {index}"), m, Vec3::X * index as f32, 0.3, around);
+            }
+        })
     };
-    assert_eq!(lamps(&many), 0);
+    assert_eq!(many(250, 6), 250);
+    assert_eq!(many(260, 6), 0);
+    // More than 130 000 facets together.
+    assert_eq!(many(140, 32), 0);
 }
 
 /// Four shadow rays tell whether a lamp is seen wholly or not at all, of a weak lamp beside a strong one, too: each of few

@@ -306,7 +306,7 @@ impl<'a> Lights<'a> {
             };
             for (index, piece) in found.pieces.iter().enumerate() {
                 let expected = piece.weight * share;
-                if expected < OWN_STRATA && !found.is_few() {
+                if found.shares(expected) {
                     leftover += piece.weight;
                     continue;
                 }
@@ -318,11 +318,15 @@ impl<'a> Lights<'a> {
             }
             for (index, part) in found.lamps.iter().enumerate() {
                 let expected = part.weight * share;
+                if part.is_flat && found.shares(expected) {
+                    leftover += part.weight;
+                    continue;
+                }
+                let target = Target::lamp(part, &found.corners, &self.emitters);
                 let budget = match expected.ceil() as u32 {
                     ..2 if !found.is_few() => Budget { count: 1, calm, shadows: 0 },
                     count => budget(count, part.weight),
                 };
-                let target = Target::lamp(part, &found.corners, &self.emitters);
                 let key = key.child(LAMPS + index as u32);
                 result.irradiance += self.strata(at, &target, budget, key, scratch, &mut tally);
                 result.unoccluded += target.irradiance();

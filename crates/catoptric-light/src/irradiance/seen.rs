@@ -14,7 +14,7 @@ use crate::emitter::{Cell, Emitters};
 use crate::lamp::{Beyond, Outline, Sight};
 use crate::light_tree::{Cut, Part, Windows};
 
-use super::{Lights, Standpoint};
+use super::{Lights, OWN_STRATA, Standpoint};
 
 /// A visible part of a cell.
 #[derive(Clone, Copy, Debug)]
@@ -40,6 +40,8 @@ impl Piece {
 #[derive(Clone, Debug)]
 pub(super) struct LampPart {
     pub lamp: u32,
+    /// Its outline is known at once. That of others costs more than a shadow ray, and each gets one.
+    pub is_flat: bool,
     /// Where its corners lie in [`Found::corners`].
     pub corners: Range<usize>,
     /// Unit normal of the outline's plane, away from the receiver.
@@ -48,6 +50,13 @@ pub(super) struct LampPart {
     pub unit: f64,
     /// By its radiance, the sum of channels.
     pub weight: f64,
+}
+
+impl LampPart {
+    /// What it sends if nothing blocks.
+    pub(super) fn irradiance(&self, emitters: &Emitters) -> Rgb {
+        emitters.lamps()[self.lamp as usize].radiance * self.unit as f32
+    }
 }
 
 /// What one receiver sees of the emitters.
@@ -69,6 +78,11 @@ impl Found {
     /// So few that each gets strata of its own.
     pub(super) fn is_few(&self) -> bool {
         self.lamps.len() + self.pieces.len() + self.small.len() + self.loose.len() <= 4
+    }
+
+    /// Whether what is due so many samples draws them together with others.
+    pub(super) fn shares(&self, expected: f64) -> bool {
+        expected < OWN_STRATA && !self.is_few()
     }
 
     /// Irradiance of the groups, the sum of channels.
@@ -164,7 +178,8 @@ impl Lights<'_> {
                             let start = corners.len();
                             corners.extend(seen);
                             let range = start..corners.len();
-                            lamps.push(LampPart { lamp: index as u32, corners: range, axis, unit, weight });
+                            let (lamp, is_flat) = (index as u32, lamp.plane().is_some());
+                            lamps.push(LampPart { lamp, is_flat, corners: range, axis, unit, weight });
                         }
                     };
                     if windows.is_empty() {

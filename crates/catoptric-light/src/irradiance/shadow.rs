@@ -28,6 +28,13 @@ pub(super) enum Goal<'a> {
     Lamp(&'a Lamp),
 }
 
+impl<'a> Goal<'a> {
+    /// Points of a lamp.
+    pub(super) fn of(lamp: &'a Lamp) -> Self {
+        lamp.plane().map_or(Self::Lamp(lamp), Self::Plane)
+    }
+}
+
 /// What gets strata of its own.
 #[derive(Clone, Copy)]
 pub(super) struct Target<'a> {
@@ -67,7 +74,7 @@ impl<'a> Target<'a> {
             unit: part.unit,
             axis: part.axis,
             corners: &corners[part.corners.clone()],
-            to: lamp.plane().map_or(Goal::Lamp(lamp), Goal::Plane),
+            to: Goal::of(lamp),
             cell: None,
             whole: None,
         }

@@ -7,19 +7,30 @@ use catoptric_trace::PlaneId;
 use catoptric_trace::sequence::Key;
 
 use crate::chains::Unfolded;
+use crate::contour;
 use crate::emitter::Cell;
-use crate::light_tree::Windows;
 
-use super::seen::{Found, Piece};
+use super::seen::{Found, LampPart, Piece};
 use super::shadow::{Goal, Tally};
 use super::{Lights, Scratch, SourceIrradiance, Standpoint};
 
 /// What shares its samples with others.
 #[derive(Clone, Copy)]
 enum Shared<'a> {
+    Lamp(&'a LampPart),
     Piece(&'a Piece),
     Small(u32),
     Loose(u32),
+}
+
+/// A sample of what is shared.
+struct Drawn<'a> {
+    light: DVec3,
+    to: Goal<'a>,
+    /// Irradiance of the whole, known or by this sample.
+    whole: Rgb,
+    /// Whose texture it has; a lamp has none.
+    cell: Option<&'a Cell>,
 }
 
 /// Systematic samples of weights that come one after the other: in proportion to them, begun anywhere in the first step.
@@ -72,22 +83,23 @@ impl Lights<'_> {
         let mut result = SourceIrradiance::DARK;
         let key = key.child(0xffff);
         let mut systematic = Systematic::new(total, total * share, samples, key);
-        let few = found.is_few();
-        let shares = |p: &Piece| p.weight * share < 1.5 && !few;
-        let pieces = found.pieces.iter().filter(|p| shares(p)).map(|p| (Shared::Piece(p), p.weight));
+        let flat = found.lamps.iter().filter(|l| l.is_flat && found.shares(l.weight * share));
+        let lamps = flat.map(|l| (Shared::Lamp(l), l.weight));
+        let pieces = found.pieces.iter().filter(|p| found.shares(p.weight * share));
+        let pieces = pieces.map(|p| (Shared::Piece(p), p.weight));
         let small = found.small.iter().map(|s| (Shared::Small(s.0), s.1));
         let loose = found.loose.iter().map(|s| (Shared::Loose(s.0), s.1));
-        for (which, weight) in pieces.chain(small).chain(loose) {
+        for (which, weight) in lamps.chain(pieces).chain(small).chain(loose) {
             let known = match which {
                 Shared::Small(group) => self.emitters.tree().irradiance(group, image.position, image.normal),
                 Shared::Piece(piece) => piece.irradiance(&self.emitters),
+                Shared::Lamp(part) => part.irradiance(&self.emitters),
                 Shared::Loose(_) => Rgb::ZERO,
             };
             result.unoccluded += known;
             while let Some((number, inner)) = systematic.draw(weight) {
-                let sampled = self.sample(which, known, image, &found.windows, inner, key, number);
-                let Some((index, light, whole)) = sampled else { continue };
-                let cell = &self.emitters.cells()[index as usize];
+                let sampled = self.sample(which, known, image, found, inner, key, number, &mut scratch.fan);
+                let Some(Drawn { light, to, whole, cell }) = sampled else { continue };
                 // Each sample stands for an equal share of the weight.
                 let mut each = whole * (systematic.step / weight) as f32;
                 if let Shared::Loose(_) = which {
@@ -96,11 +108,10 @@ impl Lights<'_> {
                 let offset = light - image.position;
                 let distance = offset.length();
                 let cos = (image.normal.dot(offset) / distance) as f32;
-                if cell.textured {
+                if let Some(cell) = cell.filter(|cell| cell.textured) {
                     each *= cell.radiance_at(self.tracer, light) / cell.radiance.max(Rgb::splat(1e-30));
                 }
-                let seen =
-                    self.throughput(at, light, Goal::Plane(cell.plane), distance, None, scratch, tally);
+                let seen = self.throughput(at, light, to, distance, None, scratch, tally);
                 let found = each * seen * receiver.coat.transmittance(cos);
                 result.irradiance += found;
                 tally.systematic(number, systematic.count, found);
@@ -109,43 +120,55 @@ impl Lights<'_> {
         result
     }
 
-    /// A point of what is shared: its cell, the point, and the irradiance of the whole (`known`, or by this sample).
+    /// A point of what is shared, whose irradiance is `known` or found by this sample.
     fn sample(
         &self,
         which: Shared,
         known: Rgb,
         image: &Unfolded,
-        windows: &Windows,
+        found: &Found,
         inner: f64,
         key: Key,
         number: u32,
-    ) -> Option<(u32, DVec3, Rgb)> {
+        fan: &mut Vec<f64>,
+    ) -> Option<Drawn<'_>> {
         let other = f64::from(key.point1(number));
         let tree = self.emitters.tree();
+        let of_cell = |index: u32, light: DVec3, whole: Rgb| {
+            let cell = &self.emitters.cells()[index as usize];
+            Drawn { light, to: Goal::Plane(cell.plane), whole, cell: Some(cell) }
+        };
         match which {
+            Shared::Lamp(part) => {
+                let corners = &found.corners[part.corners.clone()];
+                contour::fan_of(corners, fan);
+                let light = contour::point_in_fan(corners, fan, inner, other);
+                let to = Goal::of(&self.emitters.lamps()[part.lamp as usize]);
+                Some(Drawn { light, to, whole: known, cell: None })
+            }
             Shared::Piece(piece) => {
                 let light = self.place(piece, image, (inner, other), key.child(number));
-                Some((piece.cell, light, known))
+                Some(of_cell(piece.cell, light, known))
             }
             Shared::Small(group) => {
                 let (index, rest) = tree.choose(group, inner);
-                Some((index, self.emitters.cells()[index as usize].point(rest, other), known))
+                Some(of_cell(index, self.emitters.cells()[index as usize].point(rest, other), known))
             }
             Shared::Loose(group) => {
-                let (index, probability, rest) = tree.draw(group, &image.view(windows), inner)?;
+                let (index, probability, rest) = tree.draw(group, &image.view(&found.windows), inner)?;
                 let cell = &self.emitters.cells()[index as usize];
                 if !cell.faces(image.position) {
                     return None;
                 }
-                if let Some(unit) = Self::unit_of_whole(cell, image, windows) {
+                if let Some(unit) = Self::unit_of_whole(cell, image, &found.windows) {
                     let whole = cell.radiance * (unit / probability) as f32;
-                    return (unit > 0.0).then(|| (index, cell.point(rest, other), whole));
+                    return (unit > 0.0).then(|| of_cell(index, cell.point(rest, other), whole));
                 }
                 // Of the parts of the cell, seen through several windows, one in proportion.
                 let mut chosen: Option<Piece> = None;
                 let (mut total, mut count) = (0.0, 0);
                 let key = key.child(number);
-                self.pieces_of(index, image, windows, |piece| {
+                self.pieces_of(index, image, &found.windows, |piece| {
                     total += piece.unit;
                     count += 1;
                     if f64::from(key.uniform(count)) * total < piece.unit {
@@ -153,7 +176,7 @@ impl Lights<'_> {
                     }
                 });
                 let light = self.place(&chosen?, image, (rest, other), key.child(0));
-                Some((index, light, cell.radiance * (total / probability) as f32))
+                Some(of_cell(index, light, cell.radiance * (total / probability) as f32))
             }
         }
     }
