@@ -69,6 +69,8 @@ pub(super) struct Found {
     pub pieces: Vec<Piece>,
     /// Small and far groups with their irradiance.
     pub small: Vec<(u32, f64)>,
+    /// Bundles with their irradiance.
+    pub bundles: Vec<(u32, Rgb)>,
     /// Groups beyond the budget with the bound of their irradiance.
     pub loose: Vec<(u32, f64)>,
     pub windows: Windows,
@@ -77,7 +79,8 @@ pub(super) struct Found {
 impl Found {
     /// So few that each gets strata of its own.
     pub(super) fn is_few(&self) -> bool {
-        self.lamps.len() + self.pieces.len() + self.small.len() + self.loose.len() <= 4
+        let groups = self.small.len() + self.bundles.len() + self.loose.len();
+        self.lamps.len() + self.pieces.len() + groups <= 4
     }
 
     /// Whether what is due so many samples draws them together with others.
@@ -87,7 +90,8 @@ impl Found {
 
     /// Irradiance of the groups, the sum of channels.
     pub(super) fn groups(&self) -> f64 {
-        self.small.iter().chain(&self.loose).map(|s| s.1).sum()
+        let bundles: f64 = self.bundles.iter().map(|b| f64::from(b.1.element_sum())).sum();
+        self.small.iter().chain(&self.loose).map(|s| s.1).sum::<f64>() + bundles
     }
 
     /// Irradiance of all, the sum of channels.
@@ -117,8 +121,9 @@ impl Lights<'_> {
     pub(super) fn gather(&self, at: Standpoint, samples: u32, found: &mut Found, seeker: &mut Seeker) {
         self.gather_lamps(at, found, seeker);
         let (image, cut) = (at.image, &mut seeker.cut);
-        let Found { pieces, small, loose, windows, .. } = found;
+        let Found { pieces, small, bundles, loose, windows, .. } = found;
         small.clear();
+        bundles.clear();
         loose.clear();
         let budget = |[least, each]: [usize; 2]| least + each * samples as usize;
         let view = image.view(windows);
@@ -129,6 +134,12 @@ impl Lights<'_> {
                     let irradiance = self.emitters.tree().irradiance(group, image.position, image.normal);
                     if irradiance.max_element() > 0.0 {
                         small.push((group, f64::from(irradiance.element_sum())));
+                    }
+                }
+                Part::Bundle(group) => {
+                    let irradiance = self.emitters.tree().irradiance_of_bundle(group, &view);
+                    if irradiance.max_element() > 0.0 {
+                        bundles.push((group, irradiance));
                     }
                 }
                 Part::Loose(group, bound) => loose.push((group, bound)),

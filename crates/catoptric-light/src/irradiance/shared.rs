@@ -20,6 +20,7 @@ enum Shared<'a> {
     Lamp(&'a LampPart),
     Piece(&'a Piece),
     Small(u32),
+    Bundle(u32, Rgb),
     Loose(u32),
 }
 
@@ -88,10 +89,12 @@ impl Lights<'_> {
         let pieces = found.pieces.iter().filter(|p| found.shares(p.weight * share));
         let pieces = pieces.map(|p| (Shared::Piece(p), p.weight));
         let small = found.small.iter().map(|s| (Shared::Small(s.0), s.1));
+        let bundles = found.bundles.iter().map(|b| (Shared::Bundle(b.0, b.1), f64::from(b.1.element_sum())));
         let loose = found.loose.iter().map(|s| (Shared::Loose(s.0), s.1));
-        for (which, weight) in lamps.chain(pieces).chain(small).chain(loose) {
+        for (which, weight) in lamps.chain(pieces).chain(small).chain(bundles).chain(loose) {
             let known = match which {
                 Shared::Small(group) => self.emitters.tree().irradiance(group, image.position, image.normal),
+                Shared::Bundle(_, irradiance) => irradiance,
                 Shared::Piece(piece) => piece.irradiance(&self.emitters),
                 Shared::Lamp(part) => part.irradiance(&self.emitters),
                 Shared::Loose(_) => Rgb::ZERO,
@@ -152,6 +155,10 @@ impl Lights<'_> {
             }
             Shared::Small(group) => {
                 let (index, rest) = tree.choose(group, inner);
+                Some(of_cell(index, self.emitters.cells()[index as usize].point(rest, other), known))
+            }
+            Shared::Bundle(group, _) => {
+                let (index, rest) = tree.choose_of_bundle(group, &image.view(&found.windows), inner)?;
                 Some(of_cell(index, self.emitters.cells()[index as usize].point(rest, other), known))
             }
             Shared::Loose(group) => {

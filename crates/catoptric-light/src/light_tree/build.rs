@@ -16,9 +16,9 @@ pub(super) struct Source {
     pub radius: f64,
     pub normal: DVec3,
     area: f64,
-    radiance: Rgb,
+    pub radiance: Rgb,
     pub strength: f64,
-    lobed: bool,
+    pub lobed: bool,
 }
 
 impl Source {
@@ -106,7 +106,9 @@ impl LightTree {
         let bundle = if is_bundle { Some(self.bundles.len() as u32) } else { bundle };
         self.nodes[index as usize].bundle = bundle.map_or(0, |b| b * COUNTS + order.len() as u32);
         // By place or by normal, whichever gives the tighter halves.
-        let middle = order.len() / 2;
+        let half = order.len() / 2;
+        // Bundles that are full are fewer.
+        let middle = if order.len() > BUNDLE { half.next_multiple_of(BUNDLE) } else { half };
         let mut best = f64::INFINITY;
         let mut kept = Vec::new();
         for value in [|s: &Source| s.centroid, |s: &Source| s.normal] {
@@ -126,10 +128,13 @@ impl LightTree {
         self.nodes[index as usize].children = children;
         let groups = self.build(sources, children, head, first, bundle)
             + self.build(sources, children + 1, tail, first + middle as u32, bundle);
+        let mut is_known = cos_cone > GROUP_CONE_COS && !lobed;
         if is_bundle {
-            self.bundles.push(Bundle::new(sources, order, first, center, radius));
+            let bundle = Bundle::new(sources, order, first, center, radius);
+            is_known |= bundle.is_known();
+            self.bundles.push(bundle);
         }
-        if cos_cone > GROUP_CONE_COS && !lobed { 1 } else { groups }
+        if is_known { 1 } else { groups }
     }
 }
 

@@ -4,9 +4,11 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
-use super::SLACK;
+use catoptric_scene::Rgb;
+
 use super::build::Source;
 use super::view::View;
+use super::{GROUP_RATIO, SLACK};
 
 /// Cells of a bundle at most.
 pub(super) const BUNDLE: usize = 32;
@@ -28,14 +30,40 @@ pub(super) struct Bundle {
     center: DVec3,
     radius: f64,
     first: u32,
+    /// Of its largest cell, metres.
+    largest: f64,
+    /// Σ radiance × area at the lobe's peak, over channels.
+    power: f64,
+    /// Share of each channel where all are diffuse and of one colour.
+    color: Option<Rgb>,
 }
 
 impl Bundle {
     /// `order`, the first of which is `first` in the final order, about a center.
     pub(super) fn new(sources: &[Source], order: &[u32], first: u32, center: DVec3, radius: f64) -> Self {
         let [x, y, z, normal_x, normal_y, normal_z, radii, powers] = [[0.0; BUNDLE]; 8];
-        let mut bundle = Self { x, y, z, normal_x, normal_y, normal_z, radii, powers, center, radius, first };
-        let power: f64 = order.iter().map(|&i| sources[i as usize].strength).sum();
+        let of = |i: &u32| &sources[*i as usize];
+        let power: f64 = order.iter().map(|i| of(i).strength).sum();
+        let largest = order.iter().map(|i| of(i).radius).fold(0.0, f64::max);
+        let color = of(&order[0]).radiance;
+        let is_alike = order.iter().all(|i| of(i).radiance == color && !of(i).lobed);
+        let color = is_alike.then(|| color / color.element_sum());
+        let mut bundle = Self {
+            x,
+            y,
+            z,
+            normal_x,
+            normal_y,
+            normal_z,
+            radii,
+            powers,
+            center,
+            radius,
+            first,
+            largest,
+            power,
+            color,
+        };
         for (slot, &index) in order.iter().enumerate() {
             let source = &sources[index as usize];
             let offset = (source.centroid - center).as_vec3();
@@ -48,13 +76,17 @@ impl Bundle {
         bundle
     }
 
-    /// About what each cell sends to a view, times a factor of them all: zero only where it can send none.
+    /// In units of the distance nothing overflows.
+    fn unit(&self, view: &View) -> f64 {
+        1.0 / (self.center - view.point).length().max(self.radius)
+    }
+
+    /// What each cell sends to a view, as if it were a point, times a factor of them all. `IS_SURE`: zero only where it can send none.
     #[inline]
-    fn weights(&self, view: &View) -> [f32; BUNDLE] {
-        let offset = self.center - view.point;
-        // In units of the distance nothing overflows.
-        let unit = 1.0 / offset.length().max(self.radius);
+    fn weights<const IS_SURE: bool>(&self, view: &View) -> [f32; BUNDLE] {
+        let (offset, unit) = (self.center - view.point, self.unit(view));
         let (offset, normal, unit) = ((offset * unit).as_vec3(), view.normal.as_vec3(), unit as f32);
+        let slack = if IS_SURE { SLACK } else { 0.0 };
         let mut weights = [0.0; BUNDLE];
         for i in 0..BUNDLE {
             let x = offset.x + self.x[i] * unit;
@@ -62,8 +94,9 @@ impl Bundle {
             let z = offset.z + self.z[i] * unit;
             let radius = self.radii[i] * unit;
             let r2 = (x * x + y * y + z * z).max(radius * radius).max(1e-15);
-            let receives = normal.x * x + normal.y * y + normal.z * z + radius + SLACK;
-            let emits = SLACK - (self.normal_x[i] * x + self.normal_y[i] * y + self.normal_z[i] * z);
+            let above = if IS_SURE { radius } else { 0.0 };
+            let receives = normal.x * x + normal.y * y + normal.z * z + above + slack;
+            let emits = slack - (self.normal_x[i] * x + self.normal_y[i] * y + self.normal_z[i] * z);
             weights[i] = self.powers[i] * receives.max(0.0) * emits.max(0.0) / (r2 * r2);
         }
         if view.is_limited() {
@@ -79,12 +112,51 @@ impl Bundle {
         weights
     }
 
-    /// One of its `cells`, chosen by what each sends to a view with `u` in [0, 1): with the probability of the choice and
-    /// what is left of `u`.
+    /// Whether what it sends is known where its cells count as points.
+    pub(super) fn is_known(&self) -> bool {
+        self.color.is_some()
+    }
+
+    /// Whether each cell counts as a point for a view so far away.
     #[inline]
-    pub(super) fn draw(&self, cells: Range<u32>, view: &View, u: f64) -> Option<(u32, f64, f64)> {
-        let weights = self.weights(view);
-        let slots = (cells.start - self.first) as usize..(cells.end - self.first) as usize;
+    pub(super) fn is_far(&self, distance: f64) -> bool {
+        self.is_known() && self.largest < GROUP_RATIO * (distance - self.radius)
+    }
+
+    /// Irradiance of its `cells`, each as a point, unoccluded: Σ L·A·cosθ'·cosθ/r².
+    #[inline]
+    pub(super) fn irradiance(&self, cells: Range<u32>, view: &View) -> Rgb {
+        self.color.unwrap_or(Rgb::ZERO) * self.sum::<false>(cells, view) as f32
+    }
+
+    /// About the irradiance of its `cells` (sum of channels): zero only where they can send none.
+    #[inline]
+    pub(super) fn estimate(&self, cells: Range<u32>, view: &View) -> f64 {
+        self.sum::<true>(cells, view)
+    }
+
+    #[inline]
+    fn sum<const IS_SURE: bool>(&self, cells: Range<u32>, view: &View) -> f64 {
+        let total: f32 = self.weights::<IS_SURE>(view)[self.slots(cells)].iter().sum();
+        f64::from(total) * self.power * self.unit(view).powi(2)
+    }
+
+    /// Where cells stand in it.
+    fn slots(&self, cells: Range<u32>) -> Range<usize> {
+        (cells.start - self.first) as usize..(cells.end - self.first) as usize
+    }
+
+    /// One of its `cells`, chosen by what each sends to a view with `u` in [0, 1): with the probability of the choice and
+    /// what is left of `u`. `IS_SURE`: all may be chosen that can send any; without, those of [`Self::irradiance`] in proportion.
+    #[inline]
+    pub(super) fn draw<const IS_SURE: bool>(
+        &self,
+        cells: Range<u32>,
+        view: &View,
+        u: f64,
+    ) -> Option<(u32, f64, f64)> {
+        let weights = self.weights::<IS_SURE>(view);
+        let slots = self.slots(cells);
         let total: f32 = weights[slots.clone()].iter().sum();
         let mut left = u as f32 * total;
         let mut chosen = None;

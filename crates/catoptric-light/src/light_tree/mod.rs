@@ -10,6 +10,7 @@ mod bundle;
 mod view;
 
 use std::collections::BinaryHeap;
+use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
@@ -90,7 +91,9 @@ pub enum Part {
     Cell(u32),
     /// A group, small and far: its irradiance is known well.
     Group(u32),
-    /// A group beyond the budget, to be sampled by [`LightTree::draw`]; with the bound of what it may send.
+    /// Neighbours that are small and far one by one: their irradiance is known as well.
+    Bundle(u32),
+    /// A group beyond the budget, to be sampled by [`LightTree::draw`]; with a bound or an estimate of what it may send.
     Loose(u32, f64),
 }
 
@@ -117,6 +120,14 @@ enum Look {
     Part(Part),
     /// Too near or too varied: its children are to be looked at.
     Divide([u32; 2]),
+}
+
+/// Where the search for what is exact ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Leaves {
+    Cells,
+    /// Those that are no parts are sampled by what their cells send as points: of weights so close, samples have little noise.
+    Bundles,
 }
 
 /// A group that may be divided further, the strongest first.
@@ -154,6 +165,8 @@ const GROUP_CONE_COS: f64 = 0.906;
 /// Nodes looked at for each part of the budget before the strongest are taken first: a binary tree over n parts has 2n
 /// nodes, and as many again lead to what sends nothing.
 const VISITS_PER_PART: usize = 4;
+/// Bundles at most that are weighed for one receiver: together they cost what some twenty shadow rays cost.
+const BUNDLES: usize = 256;
 /// So few cells are all integrated exactly.
 const FEW: usize = 4;
 
@@ -164,8 +177,13 @@ impl LightTree {
     pub fn cut(&self, cells: &[Cell], view: &View, whole: usize, budget: usize, cut: &mut Cut) {
         cut.found.clear();
         // Half of the groups are averted, more or less.
-        let hopeless = self.far_groups > 4 * whole;
-        if self.nodes.is_empty() || !hopeless && self.cut_whole(cells, view, whole, cut) {
+        let may_be_whole = self.far_groups <= 4 * whole;
+        // Half of those of a closed body are averted.
+        let may_be_bundles = self.bundles.len() <= 2 * BUNDLES;
+        if self.nodes.is_empty()
+            || may_be_whole && self.cut_whole(cells, view, Leaves::Cells, whole, cut)
+            || may_be_bundles && self.cut_whole(cells, view, Leaves::Bundles, BUNDLES, cut)
+        {
             return;
         }
         cut.heap.clear();
@@ -187,8 +205,9 @@ impl LightTree {
 
     /// Divides all groups in their order, which is far cheaper than the strongest first; `false` where the budget does
     /// not hold them.
-    fn cut_whole(&self, cells: &[Cell], view: &View, budget: usize, cut: &mut Cut) -> bool {
+    fn cut_whole(&self, cells: &[Cell], view: &View, leaves: Leaves, budget: usize, cut: &mut Cut) -> bool {
         let mut visits = 0;
+        cut.found.clear();
         cut.waiting.clear();
         cut.waiting.push(0);
         while let Some(index) = cut.waiting.pop() {
@@ -199,7 +218,16 @@ impl LightTree {
             match self.look(cells, view, index) {
                 Look::Dark => {}
                 Look::Part(part) => cut.found.push((self.nodes[index as usize].first(), part)),
-                Look::Divide([left, right]) => cut.waiting.extend([right, left]),
+                Look::Divide([left, right]) => match self.bundle_of(index) {
+                    Some((bundle, cells)) if leaves == Leaves::Bundles => {
+                        let estimate = bundle.estimate(cells, view);
+                        if estimate > 0.0 {
+                            cut.found
+                                .push((self.nodes[index as usize].first(), Part::Loose(index, estimate)));
+                        }
+                    }
+                    _ => cut.waiting.extend([right, left]),
+                },
             }
         }
         true
@@ -248,6 +276,13 @@ impl LightTree {
         // Turned towards the receiver as a whole: even the most averted normal sees it.
         if small && cos_cone > GROUP_CONE_COS && towards > (sin_cone + GROUP_RATIO) * distance {
             return Look::Part(Part::Group(index));
+        }
+        if let Some((bundle, _)) = node.bundle()
+            && whole
+            && !few
+            && self.bundles[bundle as usize].is_far(distance)
+        {
+            return Look::Part(Part::Bundle(index));
         }
         Look::Divide(children)
     }
@@ -301,6 +336,25 @@ impl LightTree {
         (self.nodes[walk.node as usize].first(), walk.u)
     }
 
+    /// A node's bundle and the cells of it that are the node's.
+    fn bundle_of(&self, group: u32) -> Option<(&Bundle, Range<u32>)> {
+        let node = &self.nodes[group as usize];
+        let (bundle, count) = node.bundle()?;
+        Some((&self.bundles[bundle as usize], node.first()..node.first() + count))
+    }
+
+    /// Irradiance of a bundle, unoccluded: Σ L·A·cosθ'·cosθ/r² over its cells.
+    pub fn irradiance_of_bundle(&self, group: u32, view: &View) -> Rgb {
+        self.bundle_of(group).map_or(Rgb::ZERO, |(bundle, cells)| bundle.irradiance(cells, view))
+    }
+
+    /// A cell of a bundle, chosen by what each sends with `u` in [0, 1); returns what is left of `u`.
+    pub fn choose_of_bundle(&self, group: u32, view: &View, u: f64) -> Option<(u32, f64)> {
+        let (bundle, cells) = self.bundle_of(group)?;
+        let (cell, _, rest) = bundle.draw::<false>(cells, view, u)?;
+        Some((cell, rest))
+    }
+
     /// A cell of a group, chosen by what each may send to a view with `u` in [0, 1): with the probability of the
     /// choice and what is left of `u`. `None` where none may send anything.
     pub fn draw(&self, group: u32, view: &View, u: f64) -> Option<(u32, f64, f64)> {
@@ -308,9 +362,8 @@ impl LightTree {
         loop {
             let node = &self.nodes[walk.node as usize];
             let Some([left, right]) = node.children() else { break };
-            if let Some((bundle, count)) = node.bundle() {
-                let cells = node.first()..node.first() + count;
-                let (cell, share, rest) = self.bundles[bundle as usize].draw(cells, view, walk.u)?;
+            if let Some((bundle, cells)) = self.bundle_of(walk.node) {
+                let (cell, share, rest) = bundle.draw::<true>(cells, view, walk.u)?;
                 return Some((cell, walk.probability * share, rest));
             }
             if !walk.descend([left, right], [self.bound(left, view), self.bound(right, view)]) {
@@ -386,16 +439,16 @@ mod tests {
     use catoptric_trace::Tracer;
     use catoptric_trace::sequence::{Key, Purpose};
 
-    /// Sums what the cells of each node send to a view; returns the count of the node's cells and their sum.
-    fn check(tree: &LightTree, cells: &[Cell], view: &View, index: u32) -> (u32, f64) {
+    /// Sums what the cells of each node send to a view; returns the count of the node's cells and their sum, and counts in `far` the bundles of points.
+    fn check(tree: &LightTree, all: &[Cell], view: &View, index: u32, far: &mut u32) -> (u32, f64) {
         let node = &tree.nodes[index as usize];
         let (count, sum) = match node.children() {
             Some(children) => {
-                let [a, b] = children.map(|child| check(tree, cells, view, child));
+                let [a, b] = children.map(|child| check(tree, all, view, child, far));
                 (a.0 + b.0, a.1 + b.1)
             }
             None => {
-                let cell = &cells[node.first() as usize];
+                let cell = &all[node.first() as usize];
                 let sent = if cell.faces(view.point) {
                     contour::irradiance(view.point, view.normal, &cell.polygon())
                 } else {
@@ -408,10 +461,19 @@ mod tests {
         let apart = (node.center - view.point).length() > 2.0 * f64::from(node.radius);
         assert!(sum <= 0.0 || bound > 0.0, "{count} cells send {sum}");
         assert!(!apart || sum <= bound * (1.0 + 1e-5), "{count} cells send {sum}, bounded by {bound}");
-        if let Some((bundle, cells)) = node.bundle() {
-            assert_eq!(cells, count);
-            let drawn = tree.bundles[bundle as usize].draw(node.first()..node.first() + cells, view, 0.5);
+        if let Some((bundle, cells)) = tree.bundle_of(index) {
+            assert_eq!(cells.len(), count as usize);
+            let drawn = bundle.draw::<true>(cells.clone(), view, 0.5);
             assert!(sum <= 0.0 || drawn.is_some(), "{count} cells send {sum}");
+            let estimate = bundle.estimate(cells.clone(), view);
+            assert!(sum <= 0.0 || estimate > 0.0, "{count} cells send {sum}");
+            if matches!(tree.look(all, view, index), Look::Part(Part::Bundle(_))) {
+                *far += 1;
+                let irradiance = f64::from(bundle.irradiance(cells, view).element_sum());
+                // What a group may be off, of what it would send at right angles: averted and grazing cells err by as much.
+                let most = tree.power * f64::from(node.power) / (node.center - view.point).length_squared();
+                assert!((irradiance - sum).abs() < 0.0025 * most, "{count} cells: {irradiance} {sum} {most}");
+            }
         }
         (count, sum)
     }
@@ -421,6 +483,7 @@ mod tests {
         let mut parts = SceneParts::default();
         let glowing = parts.add_material(Material::emitter("glowing", Radiance(Rgb::splat(3.0))));
         parts.add_sphere("one", glowing, Vec3::ZERO, 0.3, 12);
+        parts.add_sphere("four", glowing, Vec3::new(-0.4, 0.5, 0.3), 0.1, 20);
         parts.add_box("two", glowing, Vec3::splat(0.4), Vec3::new(0.5, 0.9, 0.6), true);
         parts.add_quad("three", glowing, Vec3::new(-0.9, -0.5, 0.1), Vec3::X * 0.2, Vec3::Y);
         let scene = Scene::new(parts).expect("a valid scene");
@@ -431,13 +494,15 @@ mod tests {
         let cells: Vec<Cell> = order.iter().map(|&i| emitters.cells()[i as usize]).collect();
         let windows = Windows::default();
         let key = Key::new(3, Purpose::Test, 0);
+        let mut far = 0;
         for index in 0..3000 {
             let [a, b, c] = [0, 1, 2].map(|child| key.child(child).point2(index).as_dvec2() * 2.0 - 1.0);
             let (point, normal) = (DVec3::new(a.x, a.y, b.x), DVec3::new(b.y, c.x, c.y));
             let normal = normal.normalize_or(DVec3::Y);
             let view = View { point, normal, geometric: normal, windows: &windows, beyond: None };
-            let (count, _) = check(&tree, &cells, &view, 0);
+            let (count, _) = check(&tree, &cells, &view, 0, &mut far);
             assert_eq!(count as usize, cells.len());
         }
+        assert!(far > 3000, "{far} bundles of points");
     }
 }
