@@ -165,9 +165,14 @@ impl Values {
         };
         let mut looks: Vec<Look> = around.iter().enumerate().map(look).collect();
         self.taken += afford(&mut looks, MEAN_TIMES * params.max_vertices);
+        // Those without neighbours of their kind know at least what they have seen themselves.
+        let itself: Vec<u32> = if field.learns() { (0..count as u32).collect() } else { Vec::new() };
         let known = |vertex: u32| match parents(vertex) {
             Some(parents) if field.learns() => &parents[..],
-            _ => beside.get(&vertex).map_or(&[][..], Vec::as_slice),
+            _ => match beside.get(&vertex) {
+                Some(others) => others,
+                None => itself.get(vertex as usize).map_or(&[][..], std::slice::from_ref),
+            },
         };
         in_waves(0, count, known, |wave| {
             fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(|(index, found)| {
@@ -423,6 +428,8 @@ pub fn mean(draft: &Draft, values: &[Rgb]) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Mutex;
+
     use glam::Vec3;
 
     use super::*;
@@ -491,5 +498,55 @@ mod tests {
             if full { asked += 1 } else { looked += 1 }
         }
         assert!(looked > 10 && asked > looked, "{looked} {asked}");
+    }
+
+    /// Keeps the vertices that were asked while nothing was known, and what the others knew.
+    #[derive(Default)]
+    struct Learner {
+        first: Mutex<Vec<u32>>,
+        again: Mutex<Vec<(u32, Vec<u32>)>>,
+    }
+
+    impl Field for Learner {
+        fn evaluate(&self, _: &Draft, vertex: u32, known: Known, _: Look) -> Found {
+            match known {
+                Known::Nothing => self.first.lock().expect("no panic").push(vertex),
+                Known::NotYet => {}
+                Known::At(others) => self.again.lock().expect("no panic").push((vertex, others.to_vec())),
+            }
+            Found::default()
+        }
+
+        fn evaluate_inside(&self, _: &Draft, _: u32, _: Look) -> Rgb {
+            Rgb::ZERO
+        }
+
+        fn learns(&self) -> bool {
+            true
+        }
+    }
+
+    /// On a fine mesh those that are asked have none of their kind beside them: what they saw at first would be lost, and an
+    /// edge of the sky be looked for all over again.
+    #[test]
+    fn whoever_is_asked_again_knows_at_least_what_it_saw_itself() {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        parts.add_sphere("ball", white, Vec3::ZERO, 1.0, 32);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let (draft, _) = coarse_patches(&tracer, 200);
+        // Cubes of three edges: most vertices take what a few find.
+        let sharing = Sharing::new(&tracer, &draft, 1.0, 0.3, 1000, &[]);
+        let mut values = Values::new(sharing);
+        let field = Learner::default();
+        values.extend(&draft, &field, &standard(), &Silent).expect("not cancelled");
+        let first = field.first.into_inner().expect("no panic");
+        let again = field.again.into_inner().expect("no panic");
+        let alone = again.iter().filter(|(vertex, known)| known.as_slice() == [*vertex]).count();
+        assert!(alone > 10, "{alone} of {}", again.len());
+        for (vertex, known) in &again {
+            assert!(!known.is_empty(), "vertex {vertex} knows nothing, after {} first looks", first.len());
+        }
     }
 }
