@@ -105,10 +105,10 @@ impl LightTree {
         let is_bundle = bundle.is_none() && order.len() <= BUNDLE;
         let bundle = if is_bundle { Some(self.bundles.len() as u32) } else { bundle };
         self.nodes[index as usize].bundle = bundle.map_or(0, |b| b * COUNTS + order.len() as u32);
-        // By place or by normal, whichever gives the tighter halves.
-        let half = order.len() / 2;
-        // Bundles that are full are fewer.
-        let middle = if order.len() > BUNDLE { half.next_multiple_of(BUNDLE) } else { half };
+        // By place or by normal, whichever gives the tighter halves. Halves, though bundles are not full then: light-side rays are spread
+        // over the cells in this order, and dyadic shares of it must be near to each other. With full bundles caustics and what a lamp's
+        // shade lets out have 1.05 to 1.1 times the error.
+        let middle = order.len() / 2;
         let mut best = f64::INFINITY;
         let mut kept = Vec::new();
         for value in [|s: &Source| s.centroid, |s: &Source| s.normal] {

@@ -445,6 +445,8 @@ mod tests {
         let (count, sum) = match node.children() {
             Some(children) => {
                 let [a, b] = children.map(|child| check(tree, all, view, child, far));
+                // Light-side rays are stratified over the cells in this order.
+                assert!(a.0.abs_diff(b.0) <= 1, "no halves: {} and {}", a.0, b.0);
                 (a.0 + b.0, a.1 + b.1)
             }
             None => {
