@@ -165,14 +165,9 @@ impl Values {
         };
         let mut looks: Vec<Look> = around.iter().enumerate().map(look).collect();
         self.taken += afford(&mut looks, MEAN_TIMES * params.max_vertices);
-        // Those without neighbours of their kind know at least what they have seen themselves.
-        let itself: Vec<u32> = if field.learns() { (0..count as u32).collect() } else { Vec::new() };
         let known = |vertex: u32| match parents(vertex) {
             Some(parents) if field.learns() => &parents[..],
-            _ => match beside.get(&vertex) {
-                Some(others) => others,
-                None => itself.get(vertex as usize).map_or(&[][..], std::slice::from_ref),
-            },
+            _ => beside.get(&vertex).map_or(&[][..], Vec::as_slice),
         };
         in_waves(0, count, known, |wave| {
             fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(|(index, found)| {
@@ -253,6 +248,10 @@ impl Values {
             }
         }
         beside.extend(near);
+        // Those without neighbours of their kind know at least what they have seen themselves.
+        for v in (0..draft.vertices.len() as u32).filter(|&v| is_alone(v)) {
+            beside.entry(v).or_insert_with(|| vec![v]);
+        }
         beside
     }
 
@@ -500,19 +499,14 @@ mod tests {
         assert!(looked > 10 && asked > looked, "{looked} {asked}");
     }
 
-    /// Keeps the vertices that were asked while nothing was known, and what the others knew.
+    /// Keeps what vertices knew that were asked again.
     #[derive(Default)]
-    struct Learner {
-        first: Mutex<Vec<u32>>,
-        again: Mutex<Vec<(u32, Vec<u32>)>>,
-    }
+    struct Learner(Mutex<Vec<(u32, Vec<u32>)>>);
 
     impl Field for Learner {
         fn evaluate(&self, _: &Draft, vertex: u32, known: Known, _: Look) -> Found {
-            match known {
-                Known::Nothing => self.first.lock().expect("no panic").push(vertex),
-                Known::NotYet => {}
-                Known::At(others) => self.again.lock().expect("no panic").push((vertex, others.to_vec())),
+            if let Known::At(others) = known {
+                self.0.lock().expect("no panic").push((vertex, others.to_vec()));
             }
             Found::default()
         }
@@ -541,12 +535,11 @@ mod tests {
         let mut values = Values::new(sharing);
         let field = Learner::default();
         values.extend(&draft, &field, &standard(), &Silent).expect("not cancelled");
-        let first = field.first.into_inner().expect("no panic");
-        let again = field.again.into_inner().expect("no panic");
+        let again = field.0.into_inner().expect("no panic");
         let alone = again.iter().filter(|(vertex, known)| known.as_slice() == [*vertex]).count();
         assert!(alone > 10, "{alone} of {}", again.len());
         for (vertex, known) in &again {
-            assert!(!known.is_empty(), "vertex {vertex} knows nothing, after {} first looks", first.len());
+            assert!(!known.is_empty(), "vertex {vertex} knows nothing");
         }
     }
 }
