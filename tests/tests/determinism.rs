@@ -30,6 +30,9 @@ fn room() -> Scene {
     parts.add_quad("pane", pane, Vec3::new(-1.7, -1.9, -0.5), Vec3::X * 1.5, Vec3::Y * 2.0);
     parts.add_quad("lamp", lamp, Vec3::new(-0.4, 1.9, -0.4), Vec3::X * 0.7, Vec3::Z * 0.6);
     parts.add_quad("sheet", sheet, Vec3::new(0.1, -1.9, -1.5), Vec3::X * 0.9, Vec3::Y * 1.4);
+    // A bulb in a globe, which is a lens.
+    parts.add_sphere("bulb", lamp, Vec3::new(-0.9, 0.6, -0.9), 0.1, 8);
+    parts.add_sphere("globe", glass, Vec3::new(-0.9, 0.6, -0.9), 0.25, 12);
     parts.lights.push(PunctualLight {
         name: "spot".to_owned(),
         position: Vec3::new(-1.5, 1.5, 1.5),

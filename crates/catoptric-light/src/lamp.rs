@@ -404,7 +404,7 @@ impl Shape {
 const STRAIGHT: f64 = 1e-4;
 
 /// The runs of triangles that share no corner with others.
-fn pieces(scene: &Scene, triangles: Range<u32>) -> Vec<Range<u32>> {
+pub(crate) fn pieces(scene: &Scene, triangles: Range<u32>) -> Vec<Range<u32>> {
     let mut last: HashMap<[u32; 3], u32> = HashMap::new();
     for id in triangles.clone() {
         for corner in scene.corners(TriangleId(id)) {

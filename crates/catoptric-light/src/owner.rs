@@ -40,6 +40,8 @@ pub enum Owner {
     SkyCells,
     /// Emitter cells through an image chain of the list.
     ImageChain,
+    /// Receivers that look for lamps in a lens.
+    LensView,
     /// Light-side rays.
     LightRays,
     /// Hemisphere rays: whatever nobody else takes.
@@ -58,7 +60,8 @@ pub enum Source {
 }
 
 impl Lights<'_> {
-    /// The owner of a path from `source` whose events are `chain`. Every path has exactly one.
+    /// The owner of a path from `source` whose events are `chain`. Every path has exactly one; of those of light-side rays, receivers take what
+    /// lamps send by way of a lens: [`Self::owner_from_lamp`].
     #[inline]
     pub fn owner(&self, source: Source, chain: &Chain) -> Owner {
         match (source, PathClass::of(chain)) {
@@ -66,6 +69,16 @@ impl Lights<'_> {
             (Source::Sky, PathClass::Direct) => Owner::SkyCells,
             (Source::Sky, _) => Owner::Hemisphere,
             (Source::Concentrated, class) => self.owner_of_lamps(class, chain),
+        }
+    }
+
+    /// The owner of a path that a light-side ray from a lamp has found: beyond [`Self::owner`], whether receivers see it in a lens. `bend`: the
+    /// curved or refracting surface that was the last to change its direction, if it was one.
+    #[inline]
+    pub fn owner_from_lamp(&self, chain: &Chain, bend: Option<TriangleId>) -> Owner {
+        match self.owner(Source::Concentrated, chain) {
+            Owner::LightRays if bend.is_some_and(|t| self.lenses().hold(t)) => Owner::LensView,
+            owner => owner,
         }
     }
 

@@ -14,7 +14,7 @@ use catoptric_solution::DisplayMesh;
 use catoptric_solution::mesh::Located;
 use catoptric_trace::sequence::{Key, cosine_hemisphere, frame};
 use catoptric_trace::walk::{self, Arrival, End, WalkParams};
-use catoptric_trace::{Chain, Hit, Ledger, MediumId, MediumStack, Ray, Tracer};
+use catoptric_trace::{Chain, Hit, Ledger, MediumStack, Ray, Tracer};
 
 use crate::fit::variance_of_halves;
 use crate::guide::Guide;
@@ -66,16 +66,6 @@ impl DiffuseLight<'_> {
             }
         }
     }
-}
-
-/// (n_here / n_there)²: radiance grows where light enters a denser medium.
-#[inline]
-pub fn radiance_scale(tracer: &Tracer, here: MediumStack, there: MediumId) -> f32 {
-    if here.current() == there {
-        return 1.0;
-    }
-    let ratio = tracer.media().ior(here.current()) / tracer.media().ior(there);
-    ratio * ratio
 }
 
 /// Gathers at a receiver with `rays` hemisphere rays.
@@ -148,7 +138,7 @@ pub fn gather_part(
             params,
             &mut ledger,
             |arrival| {
-                let scale = radiance_scale(tracer, receiver.media, arrival.media.current());
+                let scale = tracer.media().radiance_scale(receiver.media.current(), arrival.media.current());
                 let share = arrival.throughput * scale;
                 light.sent_back(arrival, |located, sent| {
                     result.indirect += light.at(located) * (share * sent);
@@ -168,7 +158,7 @@ pub fn gather_part(
                 if let Some(sky) = tracer.scene().sky()
                     && lights.owner(lights.sky_source(sky, direction), &chain) == Owner::Hemisphere
                 {
-                    let scale = radiance_scale(tracer, receiver.media, media.current());
+                    let scale = tracer.media().radiance_scale(receiver.media.current(), media.current());
                     *result.class(&chain) += throughput * sky.radiance(direction).0 * scale;
                 }
             }

@@ -12,7 +12,6 @@ use catoptric_trace::{Ledger, Ray};
 
 use crate::JOB;
 use crate::draft::Draft;
-use crate::gather::radiance_scale;
 use crate::patch::{PatchId, PatchMesh};
 
 /// Form factors of a row: one number where no mirror tints, else three.
@@ -106,7 +105,7 @@ pub fn row(
             params,
             &mut ledger,
             |arrival| {
-                let scale = radiance_scale(tracer, receiver.media, arrival.media.current());
+                let scale = tracer.media().radiance_scale(receiver.media.current(), arrival.media.current());
                 let interaction = arrival.interaction;
                 if interaction.receives > 0.0
                     && let Some(located) =
@@ -128,7 +127,7 @@ pub fn row(
             && let Some(sky) = tracer.scene().sky()
             && lights.owner(lights.sky_source(sky, direction), &chain) == Owner::Hemisphere
         {
-            let scale = radiance_scale(tracer, receiver.media, media.current());
+            let scale = tracer.media().radiance_scale(receiver.media.current(), media.current());
             found += throughput * sky.radiance(direction).0 * scale;
         }
     }

@@ -1,8 +1,9 @@
 //! Pass one from end to end: mesh, sources, coarse solve, final gather.
 
-use catoptric_light::{LightParams, Lights};
+use catoptric_light::{LightParams, Lights, Receiver};
 use catoptric_scene::{Progress, Rgb, TriangleId};
 use catoptric_solution::{DisplayMesh, PatchRadiosity, Quality, Solution, Term};
+use catoptric_trace::sequence::{Key, Purpose};
 use catoptric_trace::walk::WalkParams;
 use catoptric_trace::{Ledger, Tracer};
 
@@ -35,6 +36,8 @@ pub struct SolveParams {
     pub walk: WalkParams,
     /// Sources and their images.
     pub light: LightParams,
+    /// Whether receivers look for lamps in what shows them large; else light-side rays own that light, too.
+    pub lenses: bool,
     /// Seed of all sequences.
     pub seed: u32,
     /// Base triangles that the diffuse surfaces are cut into, about.
@@ -102,6 +105,8 @@ impl SolveParams {
         Self {
             walk: WalkParams::default(),
             light: LightParams::default(),
+            // They would take most of a sketch's time.
+            lenses: quality != Quality::Sketch,
             seed: 0,
             base_triangles,
             sources: RefineParams {
@@ -175,6 +180,8 @@ pub struct SolveReport {
     pub caustic: CausticReport,
     /// Image chains.
     pub image_chains: usize,
+    /// Bodies in which receivers look for lamps.
+    pub lenses: usize,
     /// Emitting triangles.
     pub emitters: usize,
     /// What a person should know.
@@ -214,7 +221,7 @@ const SHARED_PER_TRIANGLE: usize = 14;
 /// Solves the light of a scene.
 pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> Result<Solved, SolveError> {
     let mut report = SolveReport::default();
-    let lights = Lights::new(tracer, params.light);
+    let mut lights = Lights::new(tracer, params.light);
     report.image_chains = lights.chains().chains().len();
     report.emitters = lights.emitters().triangle_count();
 
@@ -229,6 +236,10 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let base = draft.display(tracer);
     let of_element: Vec<PatchId> = base.roots.iter().map(|&r| patches.of_root[r as usize]).collect();
     report.patches = patches.len();
+    if params.lenses && params.walk.extended {
+        lights.find_lenses(&onlookers(tracer, &draft, params.seed), params.seed);
+    }
+    report.lenses = lights.lenses().len();
     let set = params.coarse.method.map(|_| ElementSet::patches(tracer, &draft, &patches));
     progress.advance(1);
 
@@ -265,7 +276,8 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
             mirrored: sum.mirrored + light.mirrored * weight,
             punctual: sum.punctual + light.punctual * weight,
             sky: sum.sky + light.sky * weight,
-            noise: [0, 1, 2].map(|k| sum.noise[k] + light.noise[k] * weight * weight),
+            lens: sum.lens + light.lens * weight,
+            noise: std::array::from_fn(|k| sum.noise[k] + light.noise[k] * weight * weight),
             ..SourceLight::default()
         })
     });
@@ -338,8 +350,8 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let frames = (params.coarse.every > 0).then(|| {
         let caustic = caustic.as_ref().map(|c| c.on(&draft));
         let light = |&v: &u32| {
-            let SourceLight { direct, mirrored, punctual, sky, .. } = sources[v as usize];
-            [direct + sky, mirrored, caustic.as_ref().map_or(Rgb::ZERO, |c| c[v as usize]), punctual]
+            let SourceLight { direct, mirrored, punctual, sky, lens, .. } = sources[v as usize];
+            [direct + sky, mirrored, lens + caustic.as_ref().map_or(Rgb::ZERO, |c| c[v as usize]), punctual]
         };
         let sources = displayed.origin.iter().map(light).collect();
         Frames::new(&displayed, &draft, &patches, sources, sent.clone(), frames)
@@ -358,7 +370,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         let light = [
             of(&|v| sources[v].direct + sources[v].sky),
             of(&|v| sources[v].mirrored),
-            of(&|v| caustic.as_ref().map_or(Rgb::ZERO, |c| c[v])),
+            of(&|v| sources[v].lens + caustic.as_ref().map_or(Rgb::ZERO, |c| c[v])),
             indirect.clone(),
             of(&|v| sources[v].punctual),
         ];
@@ -403,6 +415,33 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     report.elements = result.mesh.elements.len();
     report.vertices = result.mesh.vertices.len();
     Ok(Solved { solution: result, report, frames })
+}
+
+/// Receivers that say which bodies are lenses.
+const ONLOOKERS: u32 = 32;
+
+/// Some receivers, spread evenly over the surfaces.
+fn onlookers(tracer: &Tracer, draft: &Draft, seed: u32) -> Vec<Receiver> {
+    let key = Key::new(seed, Purpose::Lens, 1 << 32);
+    let mut sum = 0.0;
+    let reach: Vec<f64> = draft
+        .leaves
+        .iter()
+        .map(|leaf| {
+            sum += f64::from(draft.area(leaf));
+            sum
+        })
+        .collect();
+    if reach.is_empty() {
+        return Vec::new();
+    }
+    (0..ONLOOKERS)
+        .map(|index| {
+            let pick = f64::from(key.point1(index)) * sum;
+            let leaf = reach.partition_point(|&s| s <= pick).min(reach.len() - 1);
+            draft.receiver_in_leaf(tracer, leaf as u32, [1.0 / 3.0; 3])
+        })
+        .collect()
 }
 
 /// The draft and the patches of a coarse solve with about `count` base triangles.
@@ -495,7 +534,7 @@ fn assemble(
         solution.irradiance[Term::Mirrored.index()].push(source.mirrored + mirrored);
         solution.gathered[Term::Direct.index()].push(direct);
         solution.gathered[Term::Mirrored.index()].push(mirrored);
-        solution.irradiance[Term::Caustic.index()].push(caustic);
+        solution.irradiance[Term::Caustic.index()].push(source.lens + caustic);
         solution.irradiance[Term::Indirect.index()].push(indirect);
         solution.punctual.push(source.punctual);
     }

@@ -4,7 +4,9 @@ use std::sync::{Mutex, RwLock};
 
 use rayon::prelude::*;
 
-use catoptric_light::irradiance::{Samples, Scratch, SkyView, Skylight, SourceIrradiance};
+use catoptric_light::irradiance::{
+    LensBeside, LensLight, LensSeen, Samples, Scratch, SkyView, Skylight, SourceIrradiance,
+};
 use catoptric_light::{Lights, Receiver};
 use catoptric_scene::{Cancelled, Progress, Rgb};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
@@ -27,14 +29,16 @@ pub(crate) struct SourceLight {
     pub(crate) punctual: Rgb,
     /// The dim sky, straight.
     pub(crate) sky: Rgb,
+    /// Lamps in lenses.
+    pub(crate) lens: Rgb,
     /// No source is partly blocked, as far as the samples tell.
     pub(crate) calm: bool,
     /// Times the usual samples that it took.
     pub(crate) times: u32,
     /// Shadow rays that it took.
     pub(crate) rays: u32,
-    /// Variance of direct and of mirrored light and of the sky's, channels added, as far as the samples tell.
-    pub(crate) noise: [f32; 3],
+    /// Variance of direct and of mirrored light, of the sky's and of that in lenses, channels added, as far as the samples tell.
+    pub(crate) noise: [f32; TERMS],
 }
 
 impl SourceLight {
@@ -49,13 +53,29 @@ impl SourceLight {
             mirrored: (a.mirrored + b.mirrored) * 0.5,
             punctual: (a.punctual + b.punctual) * 0.5,
             sky: (a.sky + b.sky) * 0.5,
+            lens: (a.lens + b.lens) * 0.5,
             ..Self::default()
         }
     }
 
     fn area_sources(&self) -> Rgb {
-        self.direct + self.mirrored + self.sky
+        self.terms().into_iter().sum()
     }
+
+    /// What is fitted, term by term.
+    fn terms(&self) -> [Rgb; TERMS] {
+        [self.direct, self.mirrored, self.sky, self.lens]
+    }
+}
+
+/// Terms of the light of sources that are fitted.
+const TERMS: usize = 4;
+
+/// What a vertex has seen that helps others: of the sky, and in each lens.
+#[derive(Clone, Debug, Default)]
+struct Views {
+    sky: Option<SkyView>,
+    lenses: Vec<LensSeen>,
 }
 
 /// The field that refinement looks at while it keeps what was found.
@@ -67,10 +87,10 @@ pub(crate) struct SourceField<'a> {
     /// Buffers that no thread uses just now.
     scratch: Mutex<Vec<Scratch>>,
     found: Mutex<Vec<(u32, SourceLight)>>,
-    /// The sky from vertices since the last round.
-    fresh: Mutex<Vec<(u32, SkyView)>>,
-    /// … and from each vertex in the rounds before.
-    skies: RwLock<Vec<Option<SkyView>>>,
+    /// What vertices have seen since the last round.
+    fresh: Mutex<Vec<(u32, Views)>>,
+    /// … and each vertex in the rounds before.
+    views: RwLock<Vec<Option<Views>>>,
 }
 
 impl<'a> SourceField<'a> {
@@ -83,7 +103,7 @@ impl<'a> SourceField<'a> {
             scratch: Mutex::default(),
             found: Mutex::default(),
             fresh: Mutex::default(),
-            skies: RwLock::default(),
+            views: RwLock::default(),
         }
     }
 
@@ -110,22 +130,39 @@ impl<'a> SourceField<'a> {
         key: Key,
         scratch: &mut Scratch,
     ) -> Skylight {
-        let beside = self.skies.read().ok().and_then(|skies| {
-            let views = around.iter().filter_map(|&v| *skies.get(v as usize)?);
-            SkyView::beside(receiver.normal, views)
+        let beside = self.views.read().ok().and_then(|views| {
+            let skies = around.iter().filter_map(|&v| views.get(v as usize)?.as_ref()?.sky);
+            SkyView::beside(receiver.normal, skies)
         });
         let samples = ((samples as f32 * self.sky_share) as u32).max(1);
         self.lights.skylight(receiver, samples, lamps, beside.as_ref(), key.child(SKY), scratch)
+    }
+
+    /// Light of lamps in lenses; `around`: the vertices that are nearest, and whether the receiver lies between them.
+    fn through_lenses(
+        &self,
+        receiver: &Receiver,
+        (around, between): (&[u32], bool),
+        seen: &mut Vec<LensSeen>,
+        key: Key,
+        scratch: &mut Scratch,
+    ) -> LensLight {
+        let beside = |lens: usize| {
+            let views = self.views.read();
+            let at = |&v: &u32| views.as_ref().ok()?.get(v as usize)?.as_ref()?.lenses.get(lens).copied();
+            LensBeside::of(around.iter().filter_map(at), between)
+        };
+        self.lights.through_lenses(receiver, beside, seen, key.child(LENS), scratch)
     }
 
     /// Light of the sources, and what is seen of the sky. Where the surroundings are calm few samples do, unless they see that it is not.
     fn light(
         &self,
         receiver: &Receiver,
-        known: Known,
+        (known, between): (Known, bool),
         look: Look,
         key: Key,
-    ) -> (SourceLight, Option<SkyView>) {
+    ) -> (SourceLight, Views) {
         let mut scratch = self.scratch.lock().ok().and_then(|mut all| all.pop()).unwrap_or_default();
         scratch.rays = 0;
         let mut light = SourceLight { calm: true, times: look.times(), ..SourceLight::default() };
@@ -135,10 +172,10 @@ impl<'a> SourceField<'a> {
             [light.noise[0], light.noise[1]] = found.map(|f| variance_of_halves(f.split));
             light.calm = found.iter().all(|f| f.even);
         }
-        let mut sky = None;
+        let mut views = Views::default();
         if self.lights.has_skylight() {
             let lamps = light.direct + light.mirrored;
-            sky = match known {
+            let sky = match known {
                 Known::Nothing => {
                     let closely = self.sky_share > CLOSE_SHARE;
                     Some(self.lights.look_at_sky(receiver, closely, key.child(SKY + 1), &mut scratch))
@@ -152,6 +189,19 @@ impl<'a> SourceField<'a> {
             light.sky = sky.map_or(Rgb::ZERO, |sky| sky.irradiance);
             light.noise[2] = sky.map_or(0.0, |sky| sky.variance);
             light.calm &= sky.is_some_and(|sky| sky.even);
+            views.sky = sky.map(|sky| sky.view);
+        }
+        if !self.lights.lenses().is_empty() {
+            let around = match known {
+                Known::Nothing => Some((&[][..], false)),
+                Known::NotYet => None,
+                Known::At(around) => Some((around, between)),
+            };
+            let lens = around
+                .map(|around| self.through_lenses(receiver, around, &mut views.lenses, key, &mut scratch));
+            light.lens = lens.map_or(Rgb::ZERO, |lens| lens.irradiance);
+            light.noise[3] = lens.map_or(0.0, |lens| lens.variance);
+            light.calm &= lens.is_some_and(|lens| lens.even);
         }
         let punctual = self.lights.punctual(receiver, &mut scratch);
         light.punctual = punctual.direct + punctual.mirrored;
@@ -159,7 +209,7 @@ impl<'a> SourceField<'a> {
         if let Ok(mut all) = self.scratch.lock() {
             all.push(scratch);
         }
-        (light, sky.map(|sky| sky.view))
+        (light, views)
     }
 }
 
@@ -183,9 +233,12 @@ impl Field for SourceField<'_> {
     fn evaluate(&self, draft: &Draft, vertex: u32, known: Known, look: Look) -> Found {
         let receiver = draft.receiver(self.lights.tracer(), vertex);
         let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
-        let (light, view) = self.light(&receiver, known, look, key);
-        if let (Some(view), Ok(mut fresh)) = (view, self.fresh.lock()) {
-            fresh.push((vertex, view));
+        let between = !matches!(known, Known::At(around) if around.contains(&vertex));
+        let (light, views) = self.light(&receiver, (known, between), look, key);
+        if self.learns()
+            && let Ok(mut fresh) = self.fresh.lock()
+        {
+            fresh.push((vertex, views));
         }
         if let Ok(mut found) = self.found.lock() {
             found.push((vertex, light));
@@ -195,15 +248,15 @@ impl Field for SourceField<'_> {
     }
 
     fn learns(&self) -> bool {
-        self.lights.has_skylight()
+        self.lights.has_skylight() || !self.lights.lenses().is_empty()
     }
 
     fn settle(&self) {
-        if let (Ok(mut fresh), Ok(mut skies)) = (self.fresh.lock(), self.skies.write()) {
-            for (vertex, view) in fresh.drain(..) {
-                let count = skies.len().max(vertex as usize + 1);
-                skies.resize(count, None);
-                skies[vertex as usize] = Some(view);
+        if let (Ok(mut fresh), Ok(mut all)) = (self.fresh.lock(), self.views.write()) {
+            for (vertex, views) in fresh.drain(..) {
+                let count = all.len().max(vertex as usize + 1);
+                all.resize(count, None);
+                all[vertex as usize] = Some(views);
             }
         }
     }
@@ -211,7 +264,8 @@ impl Field for SourceField<'_> {
     fn evaluate_inside(&self, draft: &Draft, leaf: u32, look: Look) -> Rgb {
         let receiver = draft.receiver_in_leaf(self.lights.tracer(), leaf, [1.0 / 3.0; 3]);
         let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(leaf) | 1 << 44);
-        self.light(&receiver, Known::At(&draft.leaves[leaf as usize].vertices), look, key).0.sum()
+        let known = Known::At(&draft.leaves[leaf as usize].vertices);
+        self.light(&receiver, (known, true), look, key).0.sum()
     }
 }
 
@@ -223,6 +277,8 @@ const CLOSE_SHARE: f32 = 0.5;
 
 /// Tells the keys of skylight from those of other sources.
 const SKY: u32 = 1 << 30;
+/// … and those of light in lenses.
+const LENS: u32 = 1 << 29;
 
 /// Rounds in which the elements that hold a glint are halved: to a 64th of a base triangle.
 const GLINT_ROUNDS: u32 = 6;
@@ -271,7 +327,7 @@ struct FitPoints {
 }
 
 impl SourceField<'_> {
-    /// Replaces the point samples of area sources and sky by their least-squares fit. `asked`: the vertices with a sample of their own.
+    /// Replaces the point samples of area sources, sky and lenses by their least-squares fit. `asked`: the vertices with a sample of their own.
     pub(crate) fn fit(
         &self,
         draft: &Draft,
@@ -289,8 +345,7 @@ impl SourceField<'_> {
             self.fit_points(draft, displayed, asked, sources, spacing);
         let mut found = self.light_inside(draft, displayed, &samples, &looks, progress);
         samples.extend(middles.iter().map(|m| m.0));
-        let terms = |s: &SourceLight| [s.direct, s.mirrored, s.sky];
-        found.extend(middles.iter().map(|m| terms(&sources[m.1 as usize])));
+        found.extend(middles.iter().map(|m| sources[m.1 as usize].terms()));
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
@@ -298,12 +353,12 @@ impl SourceField<'_> {
         let trust: Vec<f32> =
             displayed.origin.iter().map(|&v| if hidden[v as usize] { HIDDEN_TRUST } else { 1.0 }).collect();
         let parts = FitMesh::new(&displayed.mesh);
-        let fitted: Vec<Vec<Rgb>> = (0..3_usize)
+        let fitted: Vec<Vec<Rgb>> = (0..TERMS)
             .into_par_iter()
             .map(|term| {
                 let values: Vec<Rgb> = found.iter().map(|f| f[term]).collect();
                 let prior: Vec<Rgb> =
-                    displayed.origin.iter().map(|&v| terms(&sources[v as usize])[term]).collect();
+                    displayed.origin.iter().map(|&v| sources[v as usize].terms()[term]).collect();
                 if prior.iter().chain(&values).all(|v| *v == Rgb::ZERO) {
                     return prior;
                 }
@@ -315,7 +370,8 @@ impl SourceField<'_> {
             .collect();
         for (index, &v) in displayed.origin.iter().enumerate() {
             let source = &mut sources[v as usize];
-            [source.direct, source.mirrored, source.sky] = [0, 1, 2].map(|term: usize| fitted[term][index]);
+            [source.direct, source.mirrored, source.sky, source.lens] =
+                std::array::from_fn(|term| fitted[term][index]);
         }
         Ok(())
     }
@@ -376,7 +432,7 @@ impl SourceField<'_> {
         points
     }
 
-    /// Direct and mirrored light of area sources, and skylight, at points inside elements.
+    /// Direct and mirrored light of area sources, skylight, and lamps in lenses, at points inside elements.
     fn light_inside(
         &self,
         draft: &Draft,
@@ -384,7 +440,7 @@ impl SourceField<'_> {
         points: &[FitSample],
         looks: &[Look],
         progress: &dyn Progress,
-    ) -> Vec<[Rgb; 3]> {
+    ) -> Vec<[Rgb; TERMS]> {
         let count = self.params.fit_rays;
         points
             .par_iter()
@@ -394,7 +450,7 @@ impl SourceField<'_> {
             .with_max_len(JOB)
             .map_init(Scratch::default, |scratch, (index, (point, &look))| {
                 if progress.is_cancelled() {
-                    return [Rgb::ZERO; 3];
+                    return [Rgb::ZERO; TERMS];
                 }
                 let lights = self.lights;
                 let receiver =
@@ -402,15 +458,20 @@ impl SourceField<'_> {
                 let key = Key::new(self.params.seed, Purpose::Emitter, index as u64 | 1 << 40);
                 let [direct, mirrored] =
                     area_sources(lights, &receiver, count, look, key, scratch).map(|f| f.irradiance);
+                let element = &displayed.mesh.elements[point.element as usize];
+                let around = element.vertices.map(|v| displayed.origin[v as usize]);
                 let sky = if lights.has_skylight() {
-                    let element = &displayed.mesh.elements[point.element as usize];
-                    let around = element.vertices.map(|v| displayed.origin[v as usize]);
                     let lamps = direct + mirrored;
                     self.skylight(&receiver, count, lamps, &around, key, scratch).irradiance
                 } else {
                     Rgb::ZERO
                 };
-                [direct, mirrored, sky]
+                let lens = if lights.lenses().is_empty() {
+                    Rgb::ZERO
+                } else {
+                    self.through_lenses(&receiver, (&around, true), &mut Vec::new(), key, scratch).irradiance
+                };
+                [direct, mirrored, sky, lens]
             })
             .collect()
     }

@@ -21,7 +21,7 @@ pub const MAX_PLANAR: usize = 8;
 pub struct Chain {
     planes: [PlaneId; MAX_PLANAR],
     planar: u16,
-    curved: bool,
+    curved: u16,
     length: u16,
 }
 
@@ -33,8 +33,7 @@ impl Default for Chain {
 
 impl Chain {
     /// No event yet.
-    pub const DIRECT: Self =
-        Self { planes: [PlaneId::NONE; MAX_PLANAR], planar: 0, curved: false, length: 0 };
+    pub const DIRECT: Self = Self { planes: [PlaneId::NONE; MAX_PLANAR], planar: 0, curved: 0, length: 0 };
 
     /// Appends an event.
     #[inline]
@@ -42,7 +41,7 @@ impl Chain {
         self.length = self.length.saturating_add(1);
         match event {
             Event::Undeviated => {}
-            Event::Curved => self.curved = true,
+            Event::Curved => self.curved = self.curved.saturating_add(1),
             Event::Planar(plane) => {
                 if let Some(slot) = self.planes.get_mut(usize::from(self.planar)) {
                     *slot = plane;
@@ -55,7 +54,13 @@ impl Chain {
     /// Whether any event was curved or refracting.
     #[inline]
     pub fn is_curved(&self) -> bool {
-        self.curved
+        self.curved > 0
+    }
+
+    /// Number of events that were curved or refracting.
+    #[inline]
+    pub fn curved_count(&self) -> usize {
+        usize::from(self.curved)
     }
 
     /// Number of planar reflections.

@@ -78,6 +78,16 @@ impl Media {
         self.table.get(usize::from(medium.0)).map_or(1.0, |m| m.0)
     }
 
+    /// (n_here / n_there)²: radiance grows where light enters a denser medium.
+    #[inline]
+    pub fn radiance_scale(&self, here: MediumId, there: MediumId) -> f32 {
+        if here == there {
+            return 1.0;
+        }
+        let ratio = self.ior(here) / self.ior(there);
+        ratio * ratio
+    }
+
     /// Beer–Lambert transmittance of `distance` metres.
     #[inline]
     pub fn transmittance(&self, medium: MediumId, distance: f32) -> Rgb {

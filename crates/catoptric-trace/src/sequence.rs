@@ -35,6 +35,8 @@ pub enum Purpose {
     FormFactor = 10,
     /// Paths from sources over image chains.
     Glint = 11,
+    /// Looks at bodies that may be lenses.
+    Lens = 12,
 }
 
 /// A well-mixed 32-bit hash (the finaliser of Murmur3).

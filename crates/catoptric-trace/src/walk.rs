@@ -113,6 +113,21 @@ pub fn choose_after(
     })
 }
 
+/// [`choose_after`], but `meet` is called at every surface, mirrors, glass and black backs included.
+pub fn choose_meeting_after(
+    tracer: &Tracer,
+    ray: Ray,
+    media: MediumStack,
+    throughput: Rgb,
+    chain: Chain,
+    key: Key,
+    params: &WalkParams,
+    ledger: &mut Ledger,
+    meet: impl FnMut(&Arrival),
+) -> End {
+    meet_after(tracer, ray, media, throughput, chain, key, params, ledger, meet)
+}
+
 /// [`choose`], but `meet` is called at every surface, mirrors, glass and black backs included.
 pub fn choose_meeting(
     tracer: &Tracer,

@@ -57,6 +57,7 @@ pub(crate) struct SolveSummary {
     pub(crate) vertices: usize,
     pub(crate) emitters: usize,
     pub(crate) image_chains: usize,
+    pub(crate) lenses: usize,
     pub(crate) method: String,
     pub(crate) solver: String,
     /// The rule that stopped the solver.
@@ -119,6 +120,7 @@ impl SolveSummary {
             vertices: report.vertices,
             emitters: report.emitters,
             image_chains: report.image_chains,
+            lenses: report.lenses,
             method: setting("method", "rays"),
             solver: setting("solver", "two-pass"),
             stop: report.stop.map_or("", Stop::name),

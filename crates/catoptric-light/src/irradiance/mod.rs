@@ -7,8 +7,9 @@
 //! the integrand.
 //!
 //! The file `seen` holds what a receiver sees of the emitters, `way` what is in the way to a large one, `shadow` how much of its light
-//! arrives, `shared` that of many small ones, `skylight` that of the dim sky.
+//! arrives, `shared` that of many small ones, `skylight` that of the dim sky, `lens` that of lamps in what shows them large.
 
+mod lens;
 mod seen;
 mod shadow;
 mod shared;
@@ -20,14 +21,17 @@ use glam::Vec3;
 use catoptric_scene::Rgb;
 use catoptric_trace::beam::Suspects;
 use catoptric_trace::sequence::Key;
+use catoptric_trace::walk::split::Waiting;
 use catoptric_trace::{PlaneId, Tracer};
 
 use crate::chains::{ImageChain, ImageChains, Unfolded};
 use crate::contour;
 use crate::emitter::Emitters;
+use crate::lens::Lenses;
 use crate::receiver::Receiver;
 use crate::sky::BrightSky;
 
+pub use lens::{LensBeside, LensLight, LensSeen};
 pub use skylight::{SkyView, Skylight};
 
 use seen::{Found, Seeker};
@@ -57,12 +61,13 @@ pub struct Lights<'a> {
     emitters: Emitters,
     chains: ImageChains,
     bright: BrightSky,
+    pub(crate) lenses: Lenses,
     params: LightParams,
     far: f32,
 }
 
 /// Reused buffers of one thread.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct Scratch {
     found: Found,
     seeker: Seeker,
@@ -71,6 +76,7 @@ pub struct Scratch {
     suspects: Suspects,
     remainder: Remainder,
     sky: Cells,
+    waiting: Waiting,
     pub(crate) targets: Vec<Vec3>,
     /// Shadow rays cast (chains count one).
     pub rays: u64,
@@ -163,7 +169,7 @@ impl<'a> Lights<'a> {
         };
         // Far enough that no parallax is left in f32, near enough that nothing overflows.
         let far = (tracer.diagonal() * 1e4).max(1.0);
-        Self { tracer, emitters, chains, bright, params, far }
+        Self { tracer, emitters, chains, bright, lenses: Lenses::default(), params, far }
     }
 
     /// The tracer.
@@ -184,6 +190,11 @@ impl<'a> Lights<'a> {
     /// The bright sky.
     pub fn bright_sky(&self) -> &BrightSky {
         &self.bright
+    }
+
+    /// The lenses, once they are found.
+    pub fn lenses(&self) -> &Lenses {
+        &self.lenses
     }
 
     /// The parameters.

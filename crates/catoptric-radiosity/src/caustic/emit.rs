@@ -8,7 +8,7 @@ use glam::{DVec3, Vec2};
 use rayon::prelude::*;
 
 use catoptric_light::{Lights, Owner, Source as Origin};
-use catoptric_scene::{AlphaMode, Cancelled, Progress, Rgb};
+use catoptric_scene::{AlphaMode, Cancelled, Progress, Rgb, TriangleId};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use catoptric_trace::walk::{self, Arrival, WalkParams};
 use catoptric_trace::{Chain, Event, Hit, Ledger, Ray};
@@ -260,19 +260,26 @@ impl<'a> Emission<'a> {
         let origin = tracer.departure(&hit, position);
         let ray = Ray { origin, direction: branch.direction, from: plane };
         let (mut deposited, mut elsewhere) = (DVec3::ZERO, DVec3::ZERO);
-        let arrive = |arrival: &Arrival| {
+        let mut last = Bend::new(target.triangle, branch.event);
+        let meet = |arrival: &Arrival| {
+            last.follow(arrival);
             if arrival.interaction.receives <= 0.0 {
                 return;
             }
             let kept = arrival.throughput * (Rgb::ONE - arrival.interaction.passed_on());
-            let ours = self.lights.owner(Origin::Concentrated, arrival.chain) == Owner::LightRays;
+            let owner = if source.is_lamp() {
+                self.lights.owner_from_lamp(arrival.chain, last.by)
+            } else {
+                self.lights.owner(Origin::Concentrated, arrival.chain)
+            };
+            let ours = owner == Owner::LightRays;
             if ours && self.deposit(arrival, strength, harvest) {
                 deposited += kept.as_dvec3();
             } else {
                 elsewhere += kept.as_dvec3();
             }
         };
-        walk::choose_after(
+        walk::choose_meeting_after(
             tracer,
             ray,
             branch.media,
@@ -281,7 +288,7 @@ impl<'a> Emission<'a> {
             key.child(1),
             &self.walk,
             &mut ledger,
-            arrive,
+            meet,
         );
         let scale = f64::from(strength);
         harvest.sent += (color * going_on).as_dvec3() * scale;
@@ -333,6 +340,36 @@ impl Harvest {
         self.deposited += other.deposited;
         self.elsewhere += other.elsewhere;
         self.ledger.add(&other.ledger);
+    }
+}
+
+/// What last changed the direction of light.
+struct Bend {
+    /// A curved or refracting surface, if it was one.
+    by: Option<TriangleId>,
+    /// What it met last, …
+    met: TriangleId,
+    /// … and the events before.
+    events: (usize, usize),
+}
+
+impl Bend {
+    fn new(triangle: TriangleId, event: Event) -> Self {
+        let mut chain = Chain::DIRECT;
+        chain.push(event);
+        let by = (event == Event::Curved).then_some(triangle);
+        Self { by, met: triangle, events: (chain.curved_count(), chain.planar_count()) }
+    }
+
+    /// Light has met another surface.
+    fn follow(&mut self, arrival: &Arrival) {
+        let events = (arrival.chain.curved_count(), arrival.chain.planar_count());
+        if events.0 != self.events.0 {
+            self.by = Some(self.met);
+        } else if events.1 != self.events.1 {
+            self.by = None;
+        }
+        (self.events, self.met) = (events, arrival.hit.triangle);
     }
 }
 

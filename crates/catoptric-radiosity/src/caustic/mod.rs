@@ -2,8 +2,8 @@
 //! display mesh (Arvo 1986; density on an adaptive mesh as in Heckbert 1990, by projection as in Kavan et al. 2011).
 //!
 //! Owner of every path whose chain is curved and starts at a lamp, a punctual light or a bright part of the sky
-//! ([`catoptric_light::Owner::LightRays`]). The rays are traced once; what they left is kept and counted on one mesh
-//! after the other.
+//! ([`catoptric_light::Owner::LightRays`]), but for what receivers see in lenses ([`catoptric_light::Lenses`]). The rays
+//! are traced once; what they left is kept and counted on one mesh after the other.
 
 mod density;
 mod deposit;

@@ -175,6 +175,11 @@ fn texels(lights: &Lights, limit: usize, sources: &mut Vec<Source>) {
 }
 
 impl Source {
+    /// Whether receivers may see it: not a point, and not far away.
+    pub(super) fn is_lamp(&self) -> bool {
+        matches!(self.kind, Kind::Cells { .. })
+    }
+
     fn is_infinite(&self, lights: &Lights) -> bool {
         match &self.kind {
             Kind::Cells { .. } => false,

@@ -119,21 +119,51 @@ pub fn trace(
     tracer: &Tracer,
     ray: Ray,
     media: MediumStack,
+    sample: (Key, u32),
+    params: &SplitParams,
+    waiting: &mut Waiting,
+    first: impl FnMut(&Hit),
+    see: impl FnMut(Sight),
+) {
+    let path = Open { ray, media, throughput: Rgb::ONE, distance: 0.0, depth: 0, events: 0, drawn: false };
+    let interact = |direction: Vec3, hit: &Hit, media| tracer.interact_as_seen(direction, hit, media);
+    follow(tracer, path, Some(first), sample, params, waiting, interact, see);
+}
+
+/// [`trace`] from a diffuse surface, for light that one event has happened to: normal maps bend nothing, and backs are opaque.
+pub fn trace_on(
+    tracer: &Tracer,
+    ray: Ray,
+    media: MediumStack,
+    throughput: Rgb,
+    sample: (Key, u32),
+    params: &SplitParams,
+    waiting: &mut Waiting,
+    see: impl FnMut(Sight),
+) {
+    let path = Open { ray, media, throughput, distance: 0.0, depth: 1, events: 1, drawn: false };
+    let interact = |direction: Vec3, hit: &Hit, media| tracer.interact(direction, hit, media);
+    follow(tracer, path, None::<fn(&Hit)>, sample, params, waiting, interact, see);
+}
+
+/// Follows all branches of a path, `first` to what it sees first.
+fn follow(
+    tracer: &Tracer,
+    mut path: Open,
+    first: Option<impl FnMut(&Hit)>,
     (key, index): (Key, u32),
     params: &SplitParams,
     waiting: &mut Waiting,
-    mut first: impl FnMut(&Hit),
+    interact: impl Fn(Vec3, &Hit, MediumStack) -> Interaction,
     mut see: impl FnMut(Sight),
 ) {
     let open = &mut waiting.0;
     open.clear();
-    let mut path =
-        Open { ray, media, throughput: Rgb::ONE, distance: 0.0, depth: 0, events: 0, drawn: false };
     // One for all branches that are met whatever it decides; the rest depend on it, and have another at each event.
     let mut first_draws = Roulette(key.shifted(index));
     let key = key.child(index);
     let mut splits = 0;
-    let mut met = false;
+    let mut first = first;
     loop {
         let goes_on = 'event: {
             let Some(hit) = tracer.nearest(&path.ray, f32::INFINITY) else {
@@ -145,18 +175,17 @@ pub fn trace(
             path.depth += 1;
             let position = path.ray.origin + path.ray.direction * hit.t;
             let from = tracer.planes().of(hit.triangle);
-            if !met && hit.back && tracer.is_culled_from_behind(hit.triangle) {
+            if first.is_some() && hit.back && tracer.is_culled_from_behind(hit.triangle) {
                 (path.ray.origin, path.ray.from) = (position, from);
                 break 'event path.depth < params.max_depth;
             }
-            if !met {
+            if let Some(mut first) = first.take() {
                 first(&hit);
-                met = true;
             }
             if path.media != MediumStack::AIR {
                 path.throughput *= tracer.media().transmittance(path.media.current(), hit.t);
             }
-            let interaction = tracer.interact_as_seen(path.ray.direction, &hit, path.media);
+            let interaction = interact(path.ray.direction, &hit, path.media);
             see(Sight::Surface(Seen {
                 hit: &hit,
                 position,
