@@ -130,7 +130,7 @@ pub struct Samples {
 }
 
 /// Triangles that are cut out for each shadow ray that they save.
-const SHADOWS_PER_SAMPLE: u32 = 6;
+const SHADOWS_PER_SAMPLE: u32 = 3;
 /// Sources that would send less than this share of all light have no shadows cut out: their noise is as small.
 const MINOR: f64 = 0.05;
 /// Bounds what one receiver costs.
