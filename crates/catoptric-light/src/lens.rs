@@ -63,7 +63,7 @@ impl Lenses {
 /// Bodies that are looked at, the largest first.
 const MAX_BODIES: usize = 16;
 /// Each receiver asks every lens: where they are more, light-side rays are quicker.
-const MAX_LENSES: usize = 4;
+const MAX_LENSES: usize = 2;
 /// Rays from each receiver to each body.
 const LOOKS: u32 = 64;
 /// Of these so many must meet it for the receiver to have a say.

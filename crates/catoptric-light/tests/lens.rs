@@ -41,7 +41,7 @@ fn lights<'a>(tracer: &'a Tracer<'a>) -> Lights<'a> {
 fn look(lights: &Lights, receiver: &Receiver, beside: LensBeside, seed: u32) -> (LensLight, LensSeen, u64) {
     let (mut scratch, mut seen) = (Scratch::default(), Vec::new());
     let key = Key::new(seed, Purpose::Emitter, 0);
-    let found = lights.through_lenses(receiver, |_| beside, &mut seen, key, &mut scratch);
+    let found = lights.through_lenses(receiver, 64, |_| beside, &mut seen, key, &mut scratch);
     (found, seen[0], scratch.rays)
 }
 

@@ -152,7 +152,8 @@ impl<'a> SourceField<'a> {
             let at = |&v: &u32| views.as_ref().ok()?.get(v as usize)?.as_ref()?.lenses.get(lens).copied();
             LensBeside::of(around.iter().filter_map(at), between)
         };
-        self.lights.through_lenses(receiver, beside, seen, key.child(LENS), scratch)
+        let samples = self.params.shadow_rays;
+        self.lights.through_lenses(receiver, samples, beside, seen, key.child(LENS), scratch)
     }
 
     /// Light of the sources, and what is seen of the sky. Where the surroundings are calm few samples do, unless they see that it is not.

@@ -26,7 +26,9 @@ const SIDE: u32 = 32;
 const FIRST: u32 = 2;
 /// … and so those where others saw one thing.
 const PLAIN: u32 = 4;
-/// Lenses from which on the noise of one is little to that of all: the finest cells are not looked into.
+/// Samples below which the finest cells are not looked into, …
+const FINE: u32 = 64;
+/// … and lenses from which on the noise of one is little to that of all.
 const MANY: usize = 2;
 /// Rays that look whether something stands before what others have seen.
 const LOOKS: u32 = 4;
@@ -148,18 +150,19 @@ impl Cell {
 }
 
 impl Lights<'_> {
-    /// Irradiance by the lamps that are seen in lenses. `beside`: what other receivers have seen in each; what is seen here is added to
-    /// `seen`.
+    /// Irradiance by the lamps that are seen in lenses, about as exact as by `samples` shadow rays. `beside`: what other receivers have seen in
+    /// each; what is seen here is added to `seen`.
     pub fn through_lenses(
         &self,
         receiver: &Receiver,
+        samples: u32,
         beside: impl Fn(usize) -> LensBeside,
         seen: &mut Vec<LensSeen>,
         key: Key,
         scratch: &mut Scratch,
     ) -> LensLight {
         let mut sum = LensLight { even: true, ..LensLight::default() };
-        let finest = if self.lenses.len() < MANY { 1 } else { 2 };
+        let finest = if samples < FINE || self.lenses.len() >= MANY { 2 } else { 1 };
         for (index, lens) in self.lenses.all().enumerate() {
             let key = key.child(index as u32);
             let Some(mut view) = LensView::new(self, lens, receiver, key, scratch) else {
