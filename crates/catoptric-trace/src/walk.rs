@@ -88,44 +88,14 @@ pub fn choose(
     key: Key,
     params: &WalkParams,
     ledger: &mut Ledger,
-    arrive: impl FnMut(&Arrival),
-) -> End {
-    choose_after(tracer, ray, media, throughput, Chain::DIRECT, key, params, ledger, arrive)
-}
-
-/// [`choose`] for a walk to which `chain` has happened already.
-pub fn choose_after(
-    tracer: &Tracer,
-    ray: Ray,
-    media: MediumStack,
-    throughput: Rgb,
-    chain: Chain,
-    key: Key,
-    params: &WalkParams,
-    ledger: &mut Ledger,
     mut arrive: impl FnMut(&Arrival),
 ) -> End {
-    meet_after(tracer, ray, media, throughput, chain, key, params, ledger, |arrival| {
+    choose_meeting(tracer, ray, media, throughput, key, params, ledger, |arrival| {
         let interaction = arrival.interaction;
         if interaction.receives > 0.0 || interaction.emission.0.max_element() > 0.0 {
             arrive(arrival);
         }
     })
-}
-
-/// [`choose_after`], but `meet` is called at every surface, mirrors, glass and black backs included.
-pub fn choose_meeting_after(
-    tracer: &Tracer,
-    ray: Ray,
-    media: MediumStack,
-    throughput: Rgb,
-    chain: Chain,
-    key: Key,
-    params: &WalkParams,
-    ledger: &mut Ledger,
-    meet: impl FnMut(&Arrival),
-) -> End {
-    meet_after(tracer, ray, media, throughput, chain, key, params, ledger, meet)
 }
 
 /// [`choose`], but `meet` is called at every surface, mirrors, glass and black backs included.
@@ -139,11 +109,11 @@ pub fn choose_meeting(
     ledger: &mut Ledger,
     meet: impl FnMut(&Arrival),
 ) -> End {
-    meet_after(tracer, ray, media, throughput, Chain::DIRECT, key, params, ledger, meet)
+    choose_meeting_after(tracer, ray, media, throughput, Chain::DIRECT, key, params, ledger, meet)
 }
 
-/// The walk itself.
-fn meet_after(
+/// [`choose_meeting`] for a walk to which `chain` has happened already.
+pub fn choose_meeting_after(
     tracer: &Tracer,
     mut ray: Ray,
     mut media: MediumStack,

@@ -18,6 +18,7 @@ use crate::lens::Lens;
 use crate::owner::Source;
 use crate::receiver::Receiver;
 
+use super::skylight::Cell;
 use super::{Lights, Scratch};
 
 /// Cells along the side of a lens's view.
@@ -112,26 +113,11 @@ fn widened(rows: &Rows) -> Rows {
     })
 }
 
-/// A square of cells.
-#[derive(Clone, Copy, Debug)]
-struct Cell {
-    /// Where it begins, …
-    x: u32,
-    y: u32,
-    /// … and how many are along its side.
-    size: u32,
-}
-
 impl Cell {
     /// Squares of one size, row by row.
     fn all(size: u32) -> impl Iterator<Item = Self> {
         let side = SIDE / size;
         (0..side * side).map(move |index| Self { x: index % side * size, y: index / side * size, size })
-    }
-
-    fn quarters(self) -> [Self; 4] {
-        let size = self.size / 2;
-        [(0, 0), (size, 0), (0, size), (size, size)].map(|(x, y)| Self { x: self.x + x, y: self.y + y, size })
     }
 
     /// Bits of a row of it.

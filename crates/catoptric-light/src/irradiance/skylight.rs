@@ -296,16 +296,16 @@ impl<'a> Hemisphere<'a> {
 
 /// A square of the finest cells.
 #[derive(Clone, Copy, Debug)]
-struct Cell {
+pub(super) struct Cell {
     /// Where it begins, …
-    x: u32,
-    y: u32,
+    pub(super) x: u32,
+    pub(super) y: u32,
     /// … and how many are along its side.
-    size: u32,
+    pub(super) size: u32,
 }
 
 impl Cell {
-    fn quarters(self) -> [Self; 4] {
+    pub(super) fn quarters(self) -> [Self; 4] {
         let size = self.size / 2;
         [(0, 0), (size, 0), (0, size), (size, size)].map(|(x, y)| Self { x: self.x + x, y: self.y + y, size })
     }
