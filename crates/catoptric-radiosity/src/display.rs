@@ -1,9 +1,11 @@
 //! The refined mesh as both passes read it: closed, without what refinement needs besides.
 
+use rayon::prelude::*;
+
 use catoptric_solution::{DisplayMesh, DisplayVertex, Element, Face, FaceId};
 use catoptric_trace::Tracer;
 
-use crate::draft::Draft;
+use crate::draft::{Closed, Draft};
 
 /// A draft as both passes read it.
 #[derive(Clone, Debug)]
@@ -21,13 +23,16 @@ pub struct Displayed {
 impl Draft {
     /// The mesh as both passes read it, with the draft's index of each kept vertex and the base triangle of each element.
     pub fn display(&self, tracer: &Tracer) -> Displayed {
+        // What closes each leaf is looked up side by side, vertices are numbered in one go.
+        let closed: Vec<Closed> = self.leaves.par_iter().with_min_len(1024).map(|l| self.closed(l)).collect();
         let mut kept = vec![u32::MAX; self.vertices.len()];
-        let mut origin = Vec::new();
-        let mut roots = Vec::new();
-        let mut leaves = Vec::new();
-        let mut vertices = Vec::new();
-        let mut elements = Vec::new();
-        let mut faces = Vec::new();
+        let mut origin = Vec::with_capacity(self.vertices.len());
+        let mut vertices = Vec::with_capacity(self.vertices.len());
+        let count = closed.iter().map(|closed| closed.triangles().len()).sum();
+        let mut roots = Vec::with_capacity(count);
+        let mut leaves = Vec::with_capacity(count);
+        let mut elements = Vec::with_capacity(count);
+        let mut faces = Vec::with_capacity(self.faces.len());
         let mut face_of = [
             vec![FaceId::NONE; tracer.scene().triangles().len()],
             vec![FaceId::NONE; tracer.scene().triangles().len()],
@@ -36,7 +41,7 @@ impl Draft {
         for (index, face) in self.faces.iter().enumerate() {
             let start = elements.len() as u32;
             while self.leaves.get(leaf).is_some_and(|l| l.face as usize == index) {
-                self.closed(&self.leaves[leaf], |corners| {
+                for corners in closed[leaf].triangles() {
                     let own = corners.map(|v| {
                         if kept[v as usize] == u32::MAX {
                             kept[v as usize] = vertices.len() as u32;
@@ -54,7 +59,7 @@ impl Draft {
                     elements.push(Element { vertices: own });
                     roots.push(self.leaves[leaf].root);
                     leaves.push(leaf as u32);
-                });
+                }
                 leaf += 1;
             }
             for &triangle in &face.triangles {

@@ -60,6 +60,20 @@ pub struct Leaf {
     pub level: u8,
 }
 
+/// The conforming triangles of a leaf: itself, or two halves.
+#[derive(Clone, Copy, Debug)]
+pub struct Closed {
+    triangles: [[u32; 3]; 2],
+    count: u8,
+}
+
+impl Closed {
+    /// Their corners.
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles[..usize::from(self.count)]
+    }
+}
+
 /// The mesh.
 #[derive(Clone, Debug, Default)]
 pub struct Draft {
@@ -440,19 +454,15 @@ impl Draft {
         used
     }
 
-    /// The conforming triangles of a leaf: itself, or two halves.
-    pub fn closed(&self, leaf: &Leaf, mut visit: impl FnMut([u32; 3])) {
+    /// The conforming triangles of a leaf.
+    pub fn closed(&self, leaf: &Leaf) -> Closed {
         let [a, b, c] = leaf.vertices;
         for (p, q, opposite) in [(a, b, c), (b, c, a), (c, a, b)] {
-            if self.marked.contains(&edge(p, q))
-                && let Some(m) = self.known_midpoint(p, q)
-            {
-                visit([p, m, opposite]);
-                visit([m, q, opposite]);
-                return;
+            if let Some(m) = self.marked_midpoint(p, q) {
+                return Closed { triangles: [[p, m, opposite], [m, q, opposite]], count: 2 };
             }
         }
-        visit(leaf.vertices);
+        Closed { triangles: [leaf.vertices; 2], count: 1 }
     }
 
     /// What each base triangle hangs together with: vertices are not shared across contact lines.

@@ -48,6 +48,8 @@ pub struct Found {
     pub value: Rgb,
     /// Whether the field is calm there.
     pub calm: bool,
+    /// Whether some of it took fewer than the usual samples, as [`Look::Calm`] allows.
+    pub looked: bool,
     /// Variance of the value, channels added, as far as its samples tell.
     pub variance: f32,
     /// Times the usual samples that it took.
@@ -165,13 +167,18 @@ impl Values {
         };
         let mut looks: Vec<Look> = around.iter().enumerate().map(look).collect();
         self.taken += afford(&mut looks, MEAN_TIMES * params.max_vertices);
+        // Where all had the usual samples, the same would be found again.
+        let learns = field.learns();
+        let again = |index: usize, found: &Found| {
+            doubtful[index] && (learns || found.looked || looks[index] != Look::Close(1))
+        };
         let known = |vertex: u32| match parents(vertex) {
-            Some(parents) if field.learns() => &parents[..],
+            Some(parents) if learns => &parents[..],
             _ => beside.get(&vertex).map_or(&[][..], Vec::as_slice),
         };
         in_waves(0, count, known, |wave| {
             fresh.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(|(index, found)| {
-                if wave.contains(index) && doubtful[index] {
+                if wave.contains(index) && again(index, found) {
                     let vertex = index as u32;
                     *found = ask(is_asked(vertex), vertex, Known::At(known(vertex)), looks[index]);
                 }
@@ -428,6 +435,7 @@ pub fn mean(draft: &Draft, values: &[Rgb]) -> f32 {
 #[cfg(test)]
 mod tests {
     use std::sync::Mutex;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     use glam::Vec3;
 
@@ -442,12 +450,19 @@ mod tests {
     }
 
     /// Light that few samples miss, calm or not as its place says.
-    struct Missed;
+    #[derive(Default)]
+    struct Missed {
+        /// A look takes the usual samples, too, and misses nothing.
+        is_exact: bool,
+        asked: AtomicUsize,
+    }
 
     impl Field for Missed {
         fn evaluate(&self, draft: &Draft, vertex: u32, _: Known, look: Look) -> Found {
+            self.asked.fetch_add(1, Ordering::Relaxed);
             let calm = draft.vertices[vertex as usize].position.x < 0.0;
-            Found { value: if look == Look::Calm { Rgb::ZERO } else { Rgb::ONE }, calm, ..Found::default() }
+            let looked = look == Look::Calm && !self.is_exact;
+            Found { value: if looked { Rgb::ZERO } else { Rgb::ONE }, calm, looked, ..Found::default() }
         }
 
         fn evaluate_inside(&self, _: &Draft, _: u32, _: Look) -> Rgb {
@@ -461,7 +476,7 @@ mod tests {
         let times = |deviation: f32, taken: u32, length: f32| {
             let variance = 3.0 * deviation * deviation;
             let mut around = Around::default();
-            around.add(&Found { value: Rgb::ONE, calm: false, variance, times: taken }, length);
+            around.add(&Found { value: Rgb::ONE, variance, times: taken, ..Found::default() }, length);
             around.times(0.0, &params)
         };
         // A hundredth of the light is left alone: above it by 2^(3/4), twice the samples are taken.
@@ -483,7 +498,8 @@ mod tests {
         let tracer = Tracer::new(&scene);
         let (draft, _) = coarse_patches(&tracer, 200);
         let mut values = Values::default();
-        values.extend(&draft, &Missed, &standard(), &Silent).expect("not cancelled");
+        let missed = Missed::default();
+        values.extend(&draft, &missed, &standard(), &Silent).expect("not cancelled");
         let is_calm = |v: u32| draft.vertices[v as usize].position.x < 0.0;
         let mut beside = vec![false; draft.vertices.len()];
         for (a, b) in draft.edges() {
@@ -497,6 +513,12 @@ mod tests {
             if full { asked += 1 } else { looked += 1 }
         }
         assert!(looked > 10 && asked > looked, "{looked} {asked}");
+        assert_eq!(missed.asked.into_inner(), draft.vertices.len() + asked);
+
+        // Where the look was as close already, nobody is asked twice.
+        let exact = Missed { is_exact: true, ..Missed::default() };
+        Values::default().extend(&draft, &exact, &standard(), &Silent).expect("not cancelled");
+        assert_eq!(exact.asked.into_inner(), draft.vertices.len());
     }
 
     /// Keeps what vertices knew that were asked again.

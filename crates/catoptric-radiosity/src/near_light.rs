@@ -331,13 +331,13 @@ mod tests {
         };
         let mut shortest = f32::INFINITY;
         for leaf in &draft.leaves {
-            draft.closed(leaf, |[a, b, c]| {
+            for &[a, b, c] in draft.closed(leaf).triangles() {
                 for (p, q) in [(a, b), (b, c), (c, a)] {
                     if at_foot(p) && at_foot(q) {
                         shortest = shortest.min(draft.length((p, q)));
                     }
                 }
-            });
+            }
         }
         (shortest, draft.vertices.len())
     }

@@ -221,7 +221,7 @@ mod tests {
             let noise = (Key::new(0, Purpose::Test, u64::from(vertex)).uniform(0) - 0.5) * libm::sqrtf(12.0);
             let variance = if self.is_known { 3.0 * deviation * deviation } else { 0.0 };
             let value = Rgb::splat(1.0 + noise * deviation);
-            Found { value, calm: false, variance, times: look.times() }
+            Found { value, variance, times: look.times(), ..Found::default() }
         }
 
         fn evaluate_inside(&self, _: &Draft, _: u32, _: Look) -> Rgb {

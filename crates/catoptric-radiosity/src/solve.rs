@@ -407,9 +407,10 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     ];
 
     // The display mesh with every term.
-    let mut result = assemble(displayed, &draft, &sources, &gathered.terms, &patches, &indirect, &sent);
+    let Displayed { mesh, origin, .. } = displayed;
+    let mut result = assemble((mesh, &origin), &draft, &sources, &gathered.terms, &patches, &indirect, &sent);
     if let Some(caustic) = &caustic {
-        result = caustic.add_to(tracer, &mut draft, result);
+        result = caustic.add_to(tracer, &mut draft, &origin, result);
     }
     report.faces = result.mesh.faces.len();
     report.elements = result.mesh.elements.len();
@@ -507,7 +508,7 @@ fn mean_ledger(patches: &PatchMesh, rows: &[Row]) -> Ledger {
 
 /// Fills every vertex of the display mesh with every term.
 fn assemble(
-    displayed: Displayed,
+    (mesh, origin): (DisplayMesh, &[u32]),
     draft: &Draft,
     sources: &[SourceLight],
     gathered: &[Option<[Rgb; 4]>],
@@ -525,8 +526,8 @@ fn assemble(
         });
         terms.push(value);
     }
-    let mut solution = Solution { mesh: displayed.mesh, ..Solution::default() };
-    for &v in &displayed.origin {
+    let mut solution = Solution { mesh, ..Solution::default() };
+    for &v in origin {
         let source = &sources[v as usize];
         let [direct, mirrored, caustic, indirect] = terms[v as usize];
         let direct = source.sky + direct;

@@ -33,6 +33,8 @@ pub(crate) struct SourceLight {
     pub(crate) lens: Rgb,
     /// No source is partly blocked, as far as the samples tell.
     pub(crate) calm: bool,
+    /// Of some source fewer than the usual samples were taken: in calm surroundings they agreed.
+    pub(crate) looked: bool,
     /// Times the usual samples that it took.
     pub(crate) times: u32,
     /// Shadow rays that it took.
@@ -172,6 +174,7 @@ impl<'a> SourceField<'a> {
             [light.direct, light.mirrored] = found.map(|f| f.irradiance);
             [light.noise[0], light.noise[1]] = found.map(|f| variance_of_halves(f.split));
             light.calm = found.iter().all(|f| f.even);
+            light.looked = found.iter().any(|f| f.looked);
         }
         let mut views = Views::default();
         if self.lights.has_skylight() {
@@ -245,7 +248,7 @@ impl Field for SourceField<'_> {
             found.push((vertex, light));
         }
         let variance = light.noise[0] + light.noise[1];
-        Found { value: light.sum(), calm: light.calm, variance, times: look.times() }
+        Found { value: light.sum(), calm: light.calm, looked: light.looked, variance, times: look.times() }
     }
 
     fn learns(&self) -> bool {

@@ -98,7 +98,7 @@ fn the_books_balance_and_the_mesh_holds_the_power_that_arrived() {
         punctual: vec![Rgb::ZERO; vertices],
         ..Solution::default()
     };
-    let shown = caustic.add_to(&tracer, &mut case.draft.clone(), empty);
+    let shown = caustic.add_to(&tracer, &mut case.draft.clone(), &case.base.origin, empty);
     shown.validate().expect("valid");
     let values = &shown.irradiance[catoptric_solution::Term::Caustic.index()];
     let on_shown: f64 = (0..shown.mesh.elements.len() as u32)

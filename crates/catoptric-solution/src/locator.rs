@@ -1,8 +1,12 @@
 //! Finds the element of a face that holds a point: a grid of element lists per face, in plane coordinates.
 
 use glam::Vec2;
+use rayon::prelude::*;
 
 use crate::mesh::{DisplayVertex, Element, Face, FaceId};
+
+/// Faces whose grids are built in one go.
+const FACES_PER_JOB: usize = 64;
 
 /// Grids of all faces in shared tables.
 #[derive(Clone, Debug, Default)]
@@ -52,7 +56,27 @@ impl Shape {
 impl Locator {
     /// Builds the grids: about one cell per element.
     pub fn new(vertices: &[DisplayVertex], elements: &[Element], faces: &[Face]) -> Self {
-        let mut locator = Self { shapes: Vec::with_capacity(elements.len()), ..Self::default() };
+        let parts: Vec<Self> =
+            faces.par_chunks(FACES_PER_JOB).map(|faces| Self::part(vertices, elements, faces)).collect();
+        let mut all = Self::default();
+        all.grids.reserve(faces.len());
+        all.starts.reserve(parts.iter().map(|part| part.starts.len()).sum::<usize>() + 1);
+        all.entries.reserve(parts.iter().map(|part| part.entries.len()).sum());
+        all.shapes.reserve(elements.len());
+        for part in parts {
+            let (cell, entry) = (all.starts.len() as u32, all.entries.len() as u32);
+            all.grids.extend(part.grids.iter().map(|g| Grid { first_cell: g.first_cell + cell, ..*g }));
+            all.starts.extend(part.starts.iter().map(|start| start + entry));
+            all.entries.extend(part.entries);
+            all.shapes.extend(part.shapes);
+        }
+        all.starts.push(all.entries.len() as u32);
+        all
+    }
+
+    /// Those of some faces; their tables begin at zero.
+    fn part(vertices: &[DisplayVertex], elements: &[Element], faces: &[Face]) -> Self {
+        let mut locator = Self::default();
         let mut corners = Vec::new();
         for face in faces {
             corners.clear();
@@ -63,7 +87,6 @@ impl Locator {
             locator.shapes.extend(corners.iter().map(|[a, b, c]| Shape::new(*a, *b, *c)));
             locator.push_grid(&corners, face.elements.start);
         }
-        locator.starts.push(locator.entries.len() as u32);
         locator
     }
 

@@ -105,6 +105,8 @@ pub struct SourceIrradiance {
     /// Each source was wholly visible, or wholly blocked, or equally thinned, as far as the samples tell: more of them
     /// would hardly tell more.
     pub even: bool,
+    /// Of some source no more than the [`LOOK`] samples were taken that a calm place begins with: they agreed.
+    pub looked: bool,
     /// What the first half of the samples found beyond the second: a quarter of its square estimates the variance of the
     /// irradiance, as well as one difference can.
     pub split: Rgb,
@@ -112,8 +114,14 @@ pub struct SourceIrradiance {
 
 impl SourceIrradiance {
     /// No source.
-    const DARK: Self =
-        Self { irradiance: Rgb::ZERO, unoccluded: Rgb::ZERO, partial: false, even: true, split: Rgb::ZERO };
+    const DARK: Self = Self {
+        irradiance: Rgb::ZERO,
+        unoccluded: Rgb::ZERO,
+        partial: false,
+        even: true,
+        looked: false,
+        split: Rgb::ZERO,
+    };
 }
 
 /// How many shadow rays look at the sources from one receiver.
@@ -261,6 +269,7 @@ impl<'a> Lights<'a> {
             sum.unoccluded += part.unoccluded;
             sum.partial |= part.partial;
             sum.even &= part.even;
+            sum.looked |= part.looked;
             sum.split += part.split;
         }
         sum
@@ -360,6 +369,7 @@ impl<'a> Lights<'a> {
         }
         result.partial = tally.is_partial();
         result.even = tally.is_even();
+        result.looked = tally.looked;
         result.split = tally.split;
         result
     }

@@ -217,6 +217,7 @@ impl Lights<'_> {
             };
             let found = self.shoot(at, target, &shots, 0..LOOK, &mut sums, scratch, tally);
             if tally.is_target_even() {
+                tally.looked = true;
                 return found;
             }
         }
@@ -341,6 +342,8 @@ pub(super) struct Tally {
     seen: bool,
     missed: bool,
     uneven: bool,
+    /// See [`SourceIrradiance::looked`](super::SourceIrradiance::looked).
+    pub(super) looked: bool,
     /// Of the present target.
     least: f32,
     most: f32,
@@ -350,7 +353,15 @@ pub(super) struct Tally {
 
 impl Default for Tally {
     fn default() -> Self {
-        Self { seen: false, missed: false, uneven: false, least: f32::INFINITY, most: 0.0, split: Rgb::ZERO }
+        Self {
+            seen: false,
+            missed: false,
+            uneven: false,
+            looked: false,
+            least: f32::INFINITY,
+            most: 0.0,
+            split: Rgb::ZERO,
+        }
     }
 }
 

@@ -131,12 +131,12 @@ impl Projection {
                 variance[middle as usize] += moments.squares[3];
                 whole *= 0.5;
             }
-            draft.closed(leaf, |vertices| {
+            for &vertices in draft.closed(leaf).triangles() {
                 for v in vertices {
                     mass[v as usize] += whole / 3.0;
                 }
                 triangles.push((vertices, whole));
-            });
+            }
         }
         let lumped: Vec<Rgb> =
             right.iter().zip(&mass).map(|(&b, &m)| if m > 0.0 { b / m } else { Rgb::ZERO }).collect();

@@ -174,12 +174,12 @@ impl Caustic {
         density::project(draft, &self.deposits, 0)
     }
 
-    /// Refines the mesh of a solution where this term needs it, and adds the term. `draft` is what the solution shows.
-    pub fn add_to(&self, tracer: &Tracer, draft: &mut Draft, solution: Solution) -> Solution {
+    /// Refines the mesh of a solution where this term needs it, and adds the term. `draft` is what the solution shows, `origin`
+    /// the draft's vertex of each of its vertices.
+    pub fn add_to(&self, tracer: &Tracer, draft: &mut Draft, origin: &[u32], solution: Solution) -> Solution {
         // Values of the solution at the draft's vertices.
-        let before = draft.display(tracer);
         let mut position = vec![u32::MAX; draft.vertices.len()];
-        for (index, &v) in before.origin.iter().enumerate() {
+        for (index, &v) in origin.iter().enumerate() {
             position[v as usize] = index as u32;
         }
 
