@@ -55,6 +55,7 @@ impl Random {
 pub(crate) struct Way {
     undeviated: bool,
     planar: bool,
+    facet: bool,
     curved: bool,
 }
 
@@ -62,7 +63,11 @@ impl Way {
     pub(crate) fn add(&mut self, event: Event) {
         match event {
             Event::Undeviated => self.undeviated = true,
-            Event::Planar(_) => self.planar = true,
+            // A small mirror reflects alone, or as curved ones do.
+            Event::Planar(_) => (self.planar, self.curved) = (true, self.curved || self.facet),
+            Event::Facet(_) => {
+                (self.planar, self.facet, self.curved) = (true, true, self.curved || self.planar);
+            }
             Event::Curved => self.curved = true,
         }
     }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
-use catoptric_scene::{AlphaMode, Barycentric, Rgb, Side, TriangleId};
+use catoptric_scene::{AlphaMode, Barycentric, PunctualLight, Rgb, Side, TriangleId};
 use catoptric_trace::chain::MAX_PLANAR;
 use catoptric_trace::plane::Plane;
 use catoptric_trace::{PlaneId, Tracer};
@@ -12,6 +12,7 @@ use catoptric_trace::{PlaneId, Tracer};
 use crate::contour::Polygon;
 use crate::emitter::Emitters;
 use crate::light_tree::{View, Windows};
+use crate::reach::{Ball, Reach, source_balls};
 
 /// A flat reflecting piece of a plane.
 #[derive(Clone, Debug)]
@@ -39,6 +40,8 @@ pub struct Reflector {
     strength: f32,
     /// Its materials have neither textures nor holes.
     even: bool,
+    /// A small mirror: it has an image where it reflects alone.
+    is_facet: bool,
 }
 
 /// Mirrors in the order in which a path from the receiver meets them.
@@ -56,6 +59,15 @@ pub struct ImageChain {
     /// Each mirror reflects alike all over its windows.
     even: bool,
     strength: f32,
+    /// Of a small mirror: where light over it arrives.
+    reach: Option<Reaches>,
+}
+
+/// Where light over a small mirror arrives: that of area sources, and of each punctual light.
+#[derive(Clone, Debug)]
+struct Reaches {
+    area: Vec<Reach>,
+    punctual: Vec<Reach>,
 }
 
 /// All chains that are followed by images; others belong to the hemisphere rays.
@@ -65,12 +77,10 @@ pub struct ImageChains {
     chains: Vec<ImageChain>,
 }
 
-/// Chains at most: each costs every gather a look.
+/// Chains of mirrors that are no facets, at most: each costs every gather a look.
 const MAX_CHAINS: usize = 64;
 /// Chains whose reflectances multiply to less are left to the hemisphere rays.
 const MIN_STRENGTH: f32 = 2e-3;
-/// Reflectors at most: the strongest by area; others are left to the hemisphere rays.
-const MAX_REFLECTORS: usize = 128;
 /// So many emitting cells are not asked one by one whether they light a reflector.
 const MANY_CELLS: usize = 1024;
 /// Pieces of a plane beyond which clipping costs more than it saves.
@@ -79,9 +89,12 @@ const MAX_APERTURES: usize = 6;
 const MAX_WINDOWS: usize = 8;
 
 impl ImageChains {
-    /// Finds the reflectors and the chains between them that can carry light from a source.
-    pub fn new(tracer: &Tracer, emitters: &Emitters, far_sources: bool) -> Self {
-        let reflectors = reflectors(tracer);
+    /// Finds the reflectors and the chains between them that can carry light from a source, and the facets that can. `bright_sky`: there
+    /// is a part of the sky that counts as one.
+    pub fn new(tracer: &Tracer, emitters: &Emitters, bright_sky: bool) -> Self {
+        let mut reflectors = reflectors(tracer);
+        reflectors.sort_by_key(|r| r.is_facet);
+        let far_sources = !tracer.scene().lights().is_empty() || bright_sky;
         let sees = |a: &Reflector, b: &Reflector| {
             a.pieces
                 .iter()
@@ -96,7 +109,7 @@ impl ImageChains {
                     r.pieces.iter().any(|p| in_front(p, &outline) && in_front(&emitting, &p.outline))
                 })
         };
-        let count = reflectors.len();
+        let count = reflectors.partition_point(|r| !r.is_facet);
         let visible: Vec<Vec<bool>> = (0..count)
             .map(|a| (0..count).map(|b| a != b && sees(&reflectors[a], &reflectors[b])).collect())
             .collect();
@@ -116,14 +129,7 @@ impl ImageChains {
                 }
                 let last = chain[chain.len() - 1];
                 if is_lit[last] {
-                    found.push(ImageChain {
-                        planes: chain.iter().map(|&r| reflectors[r].id).collect(),
-                        reflectors: chain.clone(),
-                        windows: Vec::new(),
-                        equations: chain.iter().map(|&r| reflectors[r].plane).collect(),
-                        even: chain.iter().all(|&r| reflectors[r].even),
-                        strength,
-                    });
+                    found.push(ImageChain::over(&reflectors, chain));
                 }
                 for next_reflector in (0..count).filter(|&r| visible[last][r]) {
                     let mut longer = chain.clone();
@@ -143,6 +149,13 @@ impl ImageChains {
                 .then(a.planes.cmp(&b.planes))
         });
         found.truncate(MAX_CHAINS);
+        let balls = source_balls(tracer, emitters);
+        let facets = (count..reflectors.len()).filter(|&r| is_lit[r]).map(|facet| {
+            let mut chain = ImageChain::over(&reflectors, &[facet]);
+            chain.reach = Some(reaches(tracer.scene().lights(), &balls, bright_sky, &reflectors[facet]));
+            chain
+        });
+        found.extend(facets);
         for chain in &mut found {
             chain.windows = windows(&reflectors, &chain.reflectors);
         }
@@ -165,6 +178,16 @@ impl ImageChains {
     }
 }
 
+/// Where light of all sources over a facet arrives.
+fn reaches(lights: &[PunctualLight], balls: &[Ball], bright_sky: bool, facet: &Reflector) -> Reaches {
+    let corners = facet.pieces.iter().flat_map(|p| p.outline.corners()).copied();
+    let window = Ball::around(corners);
+    let area = balls.iter().map(|&ball| Reach::over(&facet.plane, window, ball));
+    let punctual = lights.iter().map(|light| Reach::of_punctual(&facet.plane, window, light)).collect();
+    let sky = bright_sky.then_some(Reach::Everywhere);
+    Reaches { area: area.chain(sky).collect(), punctual }
+}
+
 /// Whether any corner of `outline` lies on the reflecting (or emitting) side of `piece`.
 fn in_front(piece: &Aperture, outline: &Polygon) -> bool {
     let offset = piece.normal.dot(piece.outline.corners()[0]);
@@ -182,7 +205,8 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
     for surface in scene.surfaces() {
         for index in surface.triangles.clone() {
             let id = TriangleId(index);
-            let Some(plane) = tracer.image_plane(id) else { continue };
+            let (large, small) = (tracer.image_plane(id), tracer.facet_plane(id));
+            let Some(plane) = large.or(small) else { continue };
             let material = scene.material_of(id);
             if !material.may_be_specular() {
                 continue;
@@ -207,6 +231,7 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
                     pieces: Vec::new(),
                     strength: 0.0,
                     even: true,
+                    is_facet: large.is_none(),
                 });
                 reflectors.len() - 1
             });
@@ -220,14 +245,6 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
                 && !tracer.is_covered(id);
             reflector.pieces.push(piece);
         }
-    }
-    if reflectors.len() > MAX_REFLECTORS {
-        let size = |r: &Reflector| {
-            let area: f64 = r.pieces.iter().map(|p| p.outline.vector_area().length()).sum();
-            area * f64::from(r.strength)
-        };
-        reflectors.sort_by_cached_key(|r| (std::cmp::Reverse(size(r).to_bits()), r.id));
-        reflectors.truncate(MAX_REFLECTORS);
     }
     for reflector in &mut reflectors {
         let apertures = joined(&reflector.pieces);
@@ -391,6 +408,31 @@ impl ImageChains {
 }
 
 impl ImageChain {
+    /// Over some of the reflectors, in this order.
+    fn over(reflectors: &[Reflector], chain: &[usize]) -> Self {
+        Self {
+            planes: chain.iter().map(|&r| reflectors[r].id).collect(),
+            reflectors: chain.to_vec(),
+            windows: Vec::new(),
+            equations: chain.iter().map(|&r| reflectors[r].plane).collect(),
+            even: chain.iter().all(|&r| reflectors[r].even),
+            strength: chain.iter().map(|&r| reflectors[r].strength).product(),
+            reach: None,
+        }
+    }
+
+    /// Whether light of area sources may arrive somewhere.
+    #[inline]
+    pub(crate) fn may_reach(&self, place: DVec3) -> bool {
+        self.reach.as_ref().is_none_or(|reach| reach.area.iter().any(|r| r.holds(place)))
+    }
+
+    /// Whether that of a punctual light may, by its index in the scene.
+    #[inline]
+    pub(crate) fn may_reach_from(&self, light: usize, place: DVec3) -> bool {
+        self.reach.as_ref().is_none_or(|reach| reach.punctual[light].holds(place))
+    }
+
     /// The mirrors from the one at `level` on, if light that is seen through the windows is certain to be reflected by them.
     pub(crate) fn mirrors_from(&self, level: usize) -> Option<(&[Plane], PlaneId)> {
         (self.even && !self.windows.is_empty()).then(|| (&self.equations[level..], self.planes[level]))

@@ -124,7 +124,8 @@ fn bodies(tracer: &Tracer) -> Vec<Lens> {
     let mut bodies = Vec::new();
     for surface in scene.surfaces() {
         let material = &scene.materials()[surface.material.index()];
-        let bends = |t: u32| material.is_solid() || tracer.image_plane(TriangleId(t)).is_none();
+        let is_flat = |t: TriangleId| tracer.image_plane(t).is_some() || tracer.facet_plane(t).is_some();
+        let bends = |t: u32| material.is_solid() || !is_flat(TriangleId(t));
         if !material.may_be_specular() || !surface.triangles.clone().any(bends) {
             continue;
         }

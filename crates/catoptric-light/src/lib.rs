@@ -13,6 +13,7 @@ pub mod light_tree;
 pub mod owner;
 mod parts;
 pub mod punctual;
+mod reach;
 pub mod receiver;
 pub mod sky;
 

@@ -11,9 +11,9 @@ use crate::irradiance::Lights;
 pub enum PathClass {
     /// None, or only undeviated ones.
     Direct,
-    /// Also planar reflections.
+    /// Also planar reflections, of which one at a small mirror is alone.
     Mirrored,
-    /// Any curved or refracting event.
+    /// Any curved or refracting event, or several reflections, one of them at a small mirror.
     Caustic,
 }
 
@@ -21,7 +21,7 @@ impl PathClass {
     /// The class of a chain.
     #[inline]
     pub fn of(chain: &Chain) -> Self {
-        if chain.is_curved() {
+        if chain.is_curved() || chain.has_facets() && chain.planar_count() > 1 {
             PathClass::Caustic
         } else if chain.planar_count() > 0 {
             PathClass::Mirrored
@@ -88,6 +88,7 @@ impl Lights<'_> {
             PathClass::Direct => Owner::EmitterCells,
             PathClass::Mirrored => match chain.planes() {
                 Some(planes) if self.chains().contains(planes) => Owner::ImageChain,
+                _ if chain.has_facets() && self.params().light_rays => Owner::LightRays,
                 _ => Owner::Hemisphere,
             },
             PathClass::Caustic if self.params().light_rays => Owner::LightRays,

@@ -18,7 +18,7 @@ impl Lights<'_> {
         }
         let position = receiver.position.as_dvec3();
         let (normal, geometric) = (receiver.normal.as_dvec3(), receiver.geometric.as_dvec3());
-        for light in lights {
+        for (number, light) in lights.iter().enumerate() {
             let arriving = self.unoccluded(light, position, normal, geometric);
             if let Some((irradiance, target, cos)) = arriving {
                 let visible = self.tracer().visibility(
@@ -30,6 +30,9 @@ impl Lights<'_> {
                 result.direct += irradiance * visible * receiver.coat.transmittance(cos);
             }
             for chain in self.chains().chains() {
+                if !chain.may_reach_from(number, position) {
+                    continue;
+                }
                 let Some(image) = self.chains().unfold(chain, position, normal, geometric) else { continue };
                 let arriving = self.unoccluded(light, image.position, image.normal, image.geometric);
                 let Some((irradiance, target, cos)) = arriving else { continue };

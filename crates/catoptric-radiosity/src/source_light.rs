@@ -39,13 +39,14 @@ pub(crate) struct SourceLight {
     pub(crate) times: u32,
     /// Shadow rays that it took.
     pub(crate) rays: u32,
-    /// Variance of direct and of mirrored light, of the sky's and of that in lenses, channels added, as far as the samples tell.
+    /// Variance of direct and of mirrored light, of the sky's and of that in lenses, channels added, as far as the samples tell; that of
+    /// punctual lights has none.
     pub(crate) noise: [f32; TERMS],
 }
 
 impl SourceLight {
     pub(crate) fn sum(&self) -> Rgb {
-        self.area_sources() + self.punctual
+        self.terms().into_iter().sum()
     }
 
     /// Between two vertices, without rays of its own.
@@ -60,18 +61,14 @@ impl SourceLight {
         }
     }
 
-    fn area_sources(&self) -> Rgb {
-        self.terms().into_iter().sum()
-    }
-
     /// What is fitted, term by term.
     fn terms(&self) -> [Rgb; TERMS] {
-        [self.direct, self.mirrored, self.sky, self.lens]
+        [self.direct, self.mirrored, self.sky, self.lens, self.punctual]
     }
 }
 
 /// Terms of the light of sources that are fitted.
-const TERMS: usize = 4;
+const TERMS: usize = 5;
 
 /// What a vertex has seen that helps others: of the sky, and in each lens.
 #[derive(Clone, Debug, Default)]
@@ -331,7 +328,7 @@ struct FitPoints {
 }
 
 impl SourceField<'_> {
-    /// Replaces the point samples of area sources, sky and lenses by their least-squares fit. `asked`: the vertices with a sample of their own.
+    /// Replaces the point samples of sources, sky and lenses by their least-squares fit. `asked`: the vertices with a sample of their own.
     pub(crate) fn fit(
         &self,
         draft: &Draft,
@@ -342,7 +339,8 @@ impl SourceField<'_> {
         spacing: f32,
         progress: &dyn Progress,
     ) -> Result<(), Cancelled> {
-        if !self.lights.has_sources() && !self.lights.has_skylight() {
+        let is_dark = !self.lights.has_sources() && !self.lights.has_skylight();
+        if is_dark && self.lights.tracer().scene().lights().is_empty() {
             return Ok(());
         }
         let FitPoints { inside: mut samples, looks, middles } =
@@ -374,7 +372,7 @@ impl SourceField<'_> {
             .collect();
         for (index, &v) in displayed.origin.iter().enumerate() {
             let source = &mut sources[v as usize];
-            [source.direct, source.mirrored, source.sky, source.lens] =
+            [source.direct, source.mirrored, source.sky, source.lens, source.punctual] =
                 std::array::from_fn(|term| fitted[term][index]);
         }
         Ok(())
@@ -413,7 +411,7 @@ impl SourceField<'_> {
                 let middle =
                     draft.known_midpoint(corner, corners[(k + 1) % 3]).filter(|&m| asked[m as usize]);
                 for v in [Some(corner), middle].into_iter().flatten() {
-                    let light = sources[v as usize].area_sources();
+                    let light = sources[v as usize].sum();
                     (least, most) = (least.min(light), most.max(light));
                 }
                 let mut weights = [0.5; 3];
@@ -436,7 +434,7 @@ impl SourceField<'_> {
         points
     }
 
-    /// Direct and mirrored light of area sources, skylight, and lamps in lenses, at points inside elements.
+    /// Light of sources, term by term, at points inside elements.
     fn light_inside(
         &self,
         draft: &Draft,
@@ -475,7 +473,8 @@ impl SourceField<'_> {
                 } else {
                     self.through_lenses(&receiver, (&around, true), &mut Vec::new(), key, scratch).irradiance
                 };
-                [direct, mirrored, sky, lens]
+                let punctual = lights.punctual(&receiver, scratch);
+                [direct, mirrored, sky, lens, punctual.direct + punctual.mirrored]
             })
             .collect()
     }

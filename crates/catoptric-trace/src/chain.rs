@@ -9,7 +9,9 @@ pub enum Event {
     Undeviated,
     /// Reflection at a plane that is large enough to have images.
     Planar(PlaneId),
-    /// Reflection at a curved surface or a small facet, or any refraction.
+    /// Reflection at a small flat mirror: alone it has an image, with others it is one of many.
+    Facet(PlaneId),
+    /// Reflection at a curved surface, or any refraction.
     Curved,
 }
 
@@ -21,6 +23,7 @@ pub const MAX_PLANAR: usize = 8;
 pub struct Chain {
     planes: [PlaneId; MAX_PLANAR],
     planar: u16,
+    facets: u16,
     curved: u16,
     length: u16,
 }
@@ -33,7 +36,8 @@ impl Default for Chain {
 
 impl Chain {
     /// No event yet.
-    pub const DIRECT: Self = Self { planes: [PlaneId::NONE; MAX_PLANAR], planar: 0, curved: 0, length: 0 };
+    pub const DIRECT: Self =
+        Self { planes: [PlaneId::NONE; MAX_PLANAR], planar: 0, facets: 0, curved: 0, length: 0 };
 
     /// Appends an event.
     #[inline]
@@ -42,7 +46,8 @@ impl Chain {
         match event {
             Event::Undeviated => {}
             Event::Curved => self.curved = self.curved.saturating_add(1),
-            Event::Planar(plane) => {
+            Event::Planar(plane) | Event::Facet(plane) => {
+                self.facets = self.facets.saturating_add(matches!(event, Event::Facet(_)).into());
                 if let Some(slot) = self.planes.get_mut(usize::from(self.planar)) {
                     *slot = plane;
                 }
@@ -63,10 +68,16 @@ impl Chain {
         usize::from(self.curved)
     }
 
-    /// Number of planar reflections.
+    /// Number of planar reflections, those at small mirrors among them.
     #[inline]
     pub fn planar_count(&self) -> usize {
         usize::from(self.planar)
+    }
+
+    /// Whether a small mirror is among them.
+    #[inline]
+    pub fn has_facets(&self) -> bool {
+        self.facets > 0
     }
 
     /// Number of all events.

@@ -346,8 +346,9 @@ impl Tracer<'_> {
         if reflected.max_element() > 0.0 {
             let towards = (direction + normal * (2.0 * -direction.dot(normal))).normalize_or_zero();
             if towards.dot(geometric) > 0.0 {
-                let event = match self.image_plane(hit.triangle) {
-                    Some(plane) if normal == geometric => Event::Planar(plane),
+                let event = match (self.image_plane(hit.triangle), self.facet_plane(hit.triangle)) {
+                    (Some(plane), _) if normal == geometric => Event::Planar(plane),
+                    (_, Some(plane)) if normal == geometric => Event::Facet(plane),
                     _ => Event::Curved,
                 };
                 result.push(Branch { direction: towards, throughput: reflected, event, media });

@@ -66,8 +66,12 @@ const AT_EDGE: f32 = 0.02;
 const MAX_LAYERS: u32 = 128;
 /// Planes with images, at most: chains grow with a power of their number.
 const MAX_IMAGE_PLANES: usize = 32;
-/// Reflecting planes below this share of the scene's reflecting and diffuse area count as facets of curved things.
+/// Reflecting planes below this share of the scene's reflecting and diffuse area are facets: only what they reflect alone has an image.
 const MIN_IMAGE_AREA: f64 = 2e-4;
+/// … and below this share they are parts of curved things.
+const MIN_FACET_AREA: f64 = 5e-6;
+/// Facets at most: receivers ask of each whether its light comes their way.
+const MAX_FACETS: usize = 512;
 
 /// The scene, ready to be asked for hits.
 #[derive(Clone, Debug)]
@@ -77,7 +81,7 @@ pub struct Tracer<'a> {
     planes: Planes,
     media: Media,
     /// Per plane: flat mirrors, panes and coats large enough to have images.
-    has_images: Vec<bool>,
+    flat: Vec<Flat>,
     overlaps: Overlaps,
     /// Per triangle: plain Lambertian without texture, alpha or coat.
     lambertian: Vec<bool>,
@@ -137,7 +141,7 @@ impl<'a> Tracer<'a> {
             })
             .collect();
         let tree = Tree::build(&boxes, &facets);
-        let has_images = planes_with_images(scene, &planes);
+        let flat = flat_mirrors(scene, &planes);
         let lambertian = scene
             .triangles()
             .iter()
@@ -156,7 +160,7 @@ impl<'a> Tracer<'a> {
             scene,
             tree,
             media: Media::new(scene),
-            has_images,
+            flat,
             overlaps,
             lambertian,
             averages: scene.materials().iter().map(|m| fresnel::diffuse(m.ior)).collect(),
@@ -219,12 +223,19 @@ impl<'a> Tracer<'a> {
     #[inline]
     pub fn image_plane(&self, triangle: TriangleId) -> Option<PlaneId> {
         let plane = self.planes.of(triangle);
-        (self.has_images[plane.0 as usize] && !self.scene.is_smooth(triangle)).then_some(plane)
+        (self.flat[plane.0 as usize] == Flat::Mirror && !self.scene.is_smooth(triangle)).then_some(plane)
     }
 
     /// Whether a plane has images.
     pub fn plane_has_images(&self, plane: PlaneId) -> bool {
-        self.has_images[plane.0 as usize]
+        self.flat[plane.0 as usize] == Flat::Mirror
+    }
+
+    /// The plane of a flat reflector that has an image where it reflects alone.
+    #[inline]
+    pub fn facet_plane(&self, triangle: TriangleId) -> Option<PlaneId> {
+        let plane = self.planes.of(triangle);
+        (self.flat[plane.0 as usize] == Flat::Facet && !self.scene.is_smooth(triangle)).then_some(plane)
     }
 
     /// Whether something else lies on a triangle, on a side that it shows.
@@ -443,8 +454,20 @@ impl<'a> Tracer<'a> {
     }
 }
 
-/// Planes of flat reflectors worth an image: the largest by reflecting area.
-fn planes_with_images(scene: &Scene, planes: &Planes) -> Vec<bool> {
+/// What reflects in a plane.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Flat {
+    /// Nothing, or too little.
+    #[default]
+    Nothing,
+    /// A small mirror: one of those of which only single reflections have images.
+    Facet,
+    /// A mirror that has images, and images of images.
+    Mirror,
+}
+
+/// The flat reflectors of each plane, the largest by reflecting area first.
+fn flat_mirrors(scene: &Scene, planes: &Planes) -> Vec<Flat> {
     let mut area = vec![0.0_f64; planes.len()];
     let mut total = 0.0_f64;
     for index in 0..scene.triangles().len() {
@@ -457,11 +480,12 @@ fn planes_with_images(scene: &Scene, planes: &Planes) -> Vec<bool> {
             area[planes.of(triangle).0 as usize] += size;
         }
     }
-    let mut order: Vec<usize> = (0..area.len()).filter(|&p| area[p] > MIN_IMAGE_AREA * total).collect();
+    let mut order: Vec<usize> = (0..area.len()).filter(|&p| area[p] > MIN_FACET_AREA * total).collect();
     order.sort_by(|&a, &b| area[b].total_cmp(&area[a]).then(a.cmp(&b)));
-    let mut chosen = vec![false; planes.len()];
-    for &plane in order.iter().take(MAX_IMAGE_PLANES) {
-        chosen[plane] = true;
-    }
-    chosen
+    let large = order.iter().take_while(|&&p| area[p] > MIN_IMAGE_AREA * total).count().min(MAX_IMAGE_PLANES);
+    let (mirrors, facets) = order.split_at(large);
+    let mut flat = vec![Flat::Nothing; planes.len()];
+    mirrors.iter().for_each(|&plane| flat[plane] = Flat::Mirror);
+    facets.iter().take(MAX_FACETS).for_each(|&plane| flat[plane] = Flat::Facet);
+    flat
 }

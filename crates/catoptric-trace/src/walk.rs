@@ -285,8 +285,12 @@ fn off_mirror(tracer: &Tracer, mut ray: Ray, plane: PlaneId, throughput: &mut Rg
         let hit = tracer.nearest(&ray, f32::INFINITY)?;
         let interaction = tracer.interact(ray.direction, &hit, MediumStack::AIR);
         let here = tracer.planes().of(hit.triangle);
-        let wanted = if here == plane { Event::Planar(plane) } else { Event::Undeviated };
-        let branch = interaction.branches().iter().find(|b| b.event == wanted)?;
+        let is_wanted = |event: Event| match event {
+            Event::Planar(at) | Event::Facet(at) => at == plane,
+            Event::Undeviated => here != plane,
+            Event::Curved => false,
+        };
+        let branch = interaction.branches().iter().find(|b| is_wanted(b.event))?;
         *throughput *= branch.throughput;
         ray = Ray { origin: ray.origin + ray.direction * hit.t, direction: branch.direction, from: here };
         if here == plane {

@@ -433,7 +433,7 @@ impl<'a> LensView<'a> {
                         sum += self.beyond(ray, branch.media, throughput * branch.throughput, number);
                     }
                     // Others own it.
-                    Event::Curved | Event::Planar(_) => {}
+                    Event::Curved | Event::Planar(_) | Event::Facet(_) => {}
                 }
             }
             throughput *= goes_on;

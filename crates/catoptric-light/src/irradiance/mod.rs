@@ -169,9 +169,8 @@ impl<'a> Lights<'a> {
         let emitters = Emitters::new(tracer);
         let scene = tracer.scene();
         let bright = BrightSky::new(scene.sky());
-        let far_sources = !scene.lights().is_empty() || !bright.is_empty();
         let chains = if params.images {
-            ImageChains::new(tracer, &emitters, far_sources)
+            ImageChains::new(tracer, &emitters, !bright.is_empty())
         } else {
             ImageChains::default()
         };
@@ -258,6 +257,9 @@ impl<'a> Lights<'a> {
         let mut sum = SourceIrradiance::DARK;
         let (position, normal) = (receiver.position.as_dvec3(), receiver.normal.as_dvec3());
         for (index, chain) in self.chains.chains().iter().enumerate() {
+            if !chain.may_reach(position) {
+                continue;
+            }
             let Some(image) = self.chains.unfold(chain, position, normal, receiver.geometric.as_dvec3())
             else {
                 continue;
