@@ -65,6 +65,10 @@ pub trait Field: Sync {
     fn evaluate(&self, draft: &Draft, vertex: u32, known: Known, look: Look) -> Found;
     /// Value in the middle of a leaf.
     fn evaluate_inside(&self, draft: &Draft, leaf: u32, look: Look) -> Rgb;
+    /// Whether it has edges, from one place to the next, and not only slopes.
+    fn has_edges(&self) -> bool {
+        false
+    }
     /// Whether what is found at some vertices helps at others.
     fn learns(&self) -> bool {
         false

@@ -110,7 +110,14 @@ fn halve(
                 let middle = values.values[draft.known_midpoint(a, b)? as usize];
                 let [p, q] = [a, b].map(|v| values.values[v as usize]);
                 let error = (middle - (p + q) * 0.5).abs();
-                let light = (middle.min(p).min(q) + middle.max(p).max(q)) * 0.5 + Rgb::splat(floor);
+                // Beside an edge a dark middle must count as much as a lit one, or the middles of the edges that are left whole, which
+                // are samples of the fit, are too bright.
+                let light = if field.has_edges() {
+                    (middle.min(p).min(q) + middle.max(p).max(q)) * 0.5
+                } else {
+                    (middle + p + q) / 3.0
+                };
+                let light = light + Rgb::splat(floor);
                 let relative = (error / light).max_element();
                 let [x, y] = [a, b].map(|v| draft.vertices[v as usize].position);
                 let cost = cost(relative, (y - x).length());

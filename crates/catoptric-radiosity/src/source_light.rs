@@ -248,6 +248,12 @@ impl Field for SourceField<'_> {
         Found { value: light.sum(), calm: light.calm, looked: light.looked, variance, times: look.times() }
     }
 
+    /// Shadows of punctual lights have edges. Those of area lights are slopes as wide as the elements beside them, or nearly: there it
+    /// makes no difference that can be measured.
+    fn has_edges(&self) -> bool {
+        !self.lights.tracer().scene().lights().is_empty()
+    }
+
     fn learns(&self) -> bool {
         self.lights.has_skylight() || !self.lights.lenses().is_empty()
     }
