@@ -4,7 +4,7 @@
     pip install mitsuba==3.9.1 numpy OpenEXR pillow        # and an LLVM library >= 17: apt-get install libllvm19
     python reference/make_reference.py --seconds 120 scenes/pool.glb        # -> reference/pool.exr, reference/pool.json
     python reference/make_reference.py --seconds 600 --state /tmp/s scenes/pool.glb   # adds to the samples kept in /tmp/s
-    python reference/make_reference.py --png out/ scenes/*.glb              # only looks: tone-mapped PNG, no reference
+    python reference/make_reference.py --look --png out/ scenes/*.glb              # only looks: tone-mapped PNG, no reference
     python reference/make_reference.py --mask-only reference/glass_sphere.exr scenes/glass_sphere.glb
 
 Nothing here shares code with the renderer.
