@@ -17,6 +17,7 @@ use catoptric_tests::compare::{Allowance, Mismatch, compare, comparisons};
 use catoptric_tests::twin::{self, LAYERS, Twin, TwinParams};
 use catoptric_tests::{looking, white_room};
 use catoptric_trace::Tracer;
+use catoptric_trace::chain::Event;
 use glam::Vec3;
 
 const WIDTH: usize = 64;
@@ -113,6 +114,14 @@ fn judge(name: &str, scene: &Scene, samples: u32, level: f64, caught: &mut Caugh
 /// Per layer: a dropped term was noticed, a doubled one was.
 type Caught = [[bool; 2]; LAYERS.len()];
 
+/// Somebody notices if one of these layers is missing or doubled.
+fn assert_caught(caught: &Caught, layers: &[&str]) {
+    for layer in layers {
+        let index = LAYERS.iter().position(|l| l == layer).expect("a layer");
+        assert_eq!(caught[index], [true; 2], "nobody would notice if `{layer}` were missing or doubled");
+    }
+}
+
 #[test]
 fn every_layer_of_every_scene_agrees_and_no_term_can_go_missing() {
     let scenes = scenes();
@@ -159,10 +168,7 @@ fn a_sky_with_a_small_sun_agrees() {
     // The twin meets the sun by chance: one path in a hundred.
     let failures = judge("under_the_sun", &scene, 16 * SAMPLES, level, &mut caught);
     assert!(failures.is_empty(), "{}", failures.join("\n"));
-    for layer in ["direct", "mirrored", "indirect"] {
-        let index = LAYERS.iter().position(|l| *l == layer).expect("a layer");
-        assert_eq!(caught[index], [true; 2], "nobody would notice if `{layer}` were missing or doubled");
-    }
+    assert_caught(&caught, &["direct", "mirrored", "indirect"]);
 }
 
 /// A closed room with a lamp that looks at a hundred small mirrors, which all throw its light at one place on the opposite wall, beside a
@@ -193,16 +199,14 @@ fn burning_mirrors() -> Scene {
 fn small_mirrors_agree() {
     let scene = burning_mirrors();
     let tracer = Tracer::new(&scene);
-    let facets = (0..scene.triangles().len() as u32).filter(|&t| tracer.facet_plane(TriangleId(t)).is_some());
+    let facets = (0..scene.triangles().len() as u32)
+        .filter(|&t| matches!(tracer.reflection(TriangleId(t)), Event::Facet(_)));
     assert_eq!(facets.count(), 200, "the tiles are facets, and nothing else is");
     let level = FAMILY / comparisons(WIDTH, WIDTH, LAYERS.len()) as f64;
     let mut caught: Caught = Default::default();
     let failures = judge("burning_mirrors", &scene, 8 * SAMPLES, level, &mut caught);
     assert!(failures.is_empty(), "{}", failures.join("\n"));
-    for layer in ["direct", "mirrored", "indirect"] {
-        let index = LAYERS.iter().position(|l| *l == layer).expect("a layer");
-        assert_eq!(caught[index], [true; 2], "nobody would notice if `{layer}` were missing or doubled");
-    }
+    assert_caught(&caught, &["direct", "mirrored", "indirect"]);
 }
 
 /// Light of sources at each pixel, of which the mesh and pass one have no part.

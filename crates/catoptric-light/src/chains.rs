@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::DVec3;
 
 use catoptric_scene::{AlphaMode, Barycentric, PunctualLight, Rgb, Side, TriangleId};
-use catoptric_trace::chain::MAX_PLANAR;
+use catoptric_trace::chain::{Event, MAX_PLANAR};
 use catoptric_trace::plane::Plane;
 use catoptric_trace::{PlaneId, Tracer};
 
@@ -74,7 +74,10 @@ struct Reaches {
 #[derive(Clone, Debug, Default)]
 pub struct ImageChains {
     reflectors: Vec<Reflector>,
+    /// Those of facets last.
     chains: Vec<ImageChain>,
+    /// Planes of the facets that have a chain, ascending: they are many.
+    facets: Vec<PlaneId>,
 }
 
 /// Chains of mirrors that are no facets, at most: each costs every gather a look.
@@ -155,11 +158,14 @@ impl ImageChains {
             chain.reach = Some(reaches(tracer.scene().lights(), &balls, bright_sky, &reflectors[facet]));
             chain
         });
+        let large = found.len();
         found.extend(facets);
+        let mut facets: Vec<PlaneId> = found[large..].iter().flat_map(|c| c.planes.iter().copied()).collect();
+        facets.sort_unstable();
         for chain in &mut found {
             chain.windows = windows(&reflectors, &chain.reflectors);
         }
-        Self { reflectors, chains: found }
+        Self { reflectors, chains: found, facets }
     }
 
     /// The chains.
@@ -174,7 +180,9 @@ impl ImageChains {
 
     /// Whether a sequence of planes is on the list.
     pub fn contains(&self, planes: &[PlaneId]) -> bool {
-        self.chains.iter().any(|c| c.planes == planes)
+        let large = self.chains.len() - self.facets.len();
+        let is_facet = || matches!(planes, [plane] if self.facets.binary_search(plane).is_ok());
+        self.chains[..large].iter().any(|c| c.planes == planes) || is_facet()
     }
 }
 
@@ -205,8 +213,11 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
     for surface in scene.surfaces() {
         for index in surface.triangles.clone() {
             let id = TriangleId(index);
-            let (large, small) = (tracer.image_plane(id), tracer.facet_plane(id));
-            let Some(plane) = large.or(small) else { continue };
+            let (plane, is_facet) = match tracer.reflection(id) {
+                Event::Planar(plane) => (plane, false),
+                Event::Facet(plane) => (plane, true),
+                Event::Undeviated | Event::Curved => continue,
+            };
             let material = scene.material_of(id);
             if !material.may_be_specular() {
                 continue;
@@ -231,7 +242,7 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
                     pieces: Vec::new(),
                     strength: 0.0,
                     even: true,
-                    is_facet: large.is_none(),
+                    is_facet,
                 });
                 reflectors.len() - 1
             });

@@ -10,6 +10,7 @@ use glam::Vec3;
 
 use catoptric_scene::{Rgb, TriangleId};
 use catoptric_trace::Tracer;
+use catoptric_trace::chain::Event;
 use catoptric_trace::sequence::{Key, Purpose};
 
 use crate::irradiance::{Lights, Scratch};
@@ -124,8 +125,7 @@ fn bodies(tracer: &Tracer) -> Vec<Lens> {
     let mut bodies = Vec::new();
     for surface in scene.surfaces() {
         let material = &scene.materials()[surface.material.index()];
-        let is_flat = |t: TriangleId| tracer.image_plane(t).is_some() || tracer.facet_plane(t).is_some();
-        let bends = |t: u32| material.is_solid() || !is_flat(TriangleId(t));
+        let bends = |t: u32| material.is_solid() || tracer.reflection(TriangleId(t)) == Event::Curved;
         if !material.may_be_specular() || !surface.triangles.clone().any(bends) {
             continue;
         }

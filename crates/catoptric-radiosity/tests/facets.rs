@@ -80,7 +80,11 @@ fn each_tile_has_an_image_where_it_reflects_alone() {
     let tracer = Tracer::new(&scene);
     let tiles = tiles(&scene);
     assert!(tiles.iter().all(|&t| tracer.image_plane(t).is_none()));
-    let planes: Vec<PlaneId> = tiles.iter().filter_map(|&t| tracer.facet_plane(t)).collect();
+    let plane = |&t: &TriangleId| match tracer.reflection(t) {
+        Event::Facet(plane) => Some(plane),
+        _ => None,
+    };
+    let planes: Vec<PlaneId> = tiles.iter().filter_map(plane).collect();
     assert_eq!(planes.len(), tiles.len());
     let lights = Lights::new(&tracer, LightParams::default());
     assert_eq!(lights.chains().chains().len(), tiles.len() / 2);
@@ -159,13 +163,13 @@ fn traced(scene: &Scene, start: impl Fn(u32) -> Ray) -> [f64; 2] {
     for index in 0..RAYS {
         let ray = start(index);
         let Some(hit) = tracer.nearest(&ray, f32::INFINITY) else { continue };
-        match tracer.facet_plane(hit.triangle) {
-            None => arrived[0] += 1,
-            Some(_) if hit.back => {}
-            Some(plane) => {
+        match tracer.reflection(hit.triangle) {
+            Event::Facet(_) if hit.back => {}
+            Event::Facet(plane) => {
                 let found = walk::arrival_over(&tracer, ray, [plane].into_iter());
                 arrived[1] += u32::from(found.is_some());
             }
+            _ => arrived[0] += 1,
         }
     }
     arrived.map(|count| f64::from(count) / f64::from(RAYS))

@@ -346,11 +346,7 @@ impl Tracer<'_> {
         if reflected.max_element() > 0.0 {
             let towards = (direction + normal * (2.0 * -direction.dot(normal))).normalize_or_zero();
             if towards.dot(geometric) > 0.0 {
-                let event = match (self.image_plane(hit.triangle), self.facet_plane(hit.triangle)) {
-                    (Some(plane), _) if normal == geometric => Event::Planar(plane),
-                    (_, Some(plane)) if normal == geometric => Event::Facet(plane),
-                    _ => Event::Curved,
-                };
+                let event = if normal == geometric { self.reflection(hit.triangle) } else { Event::Curved };
                 result.push(Branch { direction: towards, throughput: reflected, event, media });
             } else {
                 result.below += reflected;

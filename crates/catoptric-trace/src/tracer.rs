@@ -7,6 +7,7 @@ use glam::Vec3;
 use catoptric_scene::{AlphaMode, Barycentric, Rgb, Scene, Transmission, TriangleId};
 
 use crate::beam::{Pyramid, Suspect, Suspects};
+use crate::chain::Event;
 use crate::eight::Level;
 use crate::fresnel::{self, DiffuseFresnel};
 use crate::interaction::has_back;
@@ -80,7 +81,7 @@ pub struct Tracer<'a> {
     tree: Tree,
     planes: Planes,
     media: Media,
-    /// Per plane: flat mirrors, panes and coats large enough to have images.
+    /// Per plane: what flat mirrors, panes and coats in it are.
     flat: Vec<Flat>,
     overlaps: Overlaps,
     /// Per triangle: plain Lambertian without texture, alpha or coat.
@@ -222,8 +223,10 @@ impl<'a> Tracer<'a> {
     /// The plane of a flat reflector that is large enough to have images.
     #[inline]
     pub fn image_plane(&self, triangle: TriangleId) -> Option<PlaneId> {
-        let plane = self.planes.of(triangle);
-        (self.flat[plane.0 as usize] == Flat::Mirror && !self.scene.is_smooth(triangle)).then_some(plane)
+        match self.reflection(triangle) {
+            Event::Planar(plane) => Some(plane),
+            _ => None,
+        }
     }
 
     /// Whether a plane has images.
@@ -231,11 +234,15 @@ impl<'a> Tracer<'a> {
         self.flat[plane.0 as usize] == Flat::Mirror
     }
 
-    /// The plane of a flat reflector that has an image where it reflects alone.
+    /// What a reflection at a triangle is, where its normal is that of the geometry.
     #[inline]
-    pub fn facet_plane(&self, triangle: TriangleId) -> Option<PlaneId> {
+    pub fn reflection(&self, triangle: TriangleId) -> Event {
         let plane = self.planes.of(triangle);
-        (self.flat[plane.0 as usize] == Flat::Facet && !self.scene.is_smooth(triangle)).then_some(plane)
+        match self.flat[plane.0 as usize] {
+            Flat::Mirror if !self.scene.is_smooth(triangle) => Event::Planar(plane),
+            Flat::Facet if !self.scene.is_smooth(triangle) => Event::Facet(plane),
+            _ => Event::Curved,
+        }
     }
 
     /// Whether something else lies on a triangle, on a side that it shows.
