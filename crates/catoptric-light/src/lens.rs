@@ -4,11 +4,12 @@
 //! (`irradiance::lens`); light-side rays, which own all other light over curved and refracting surfaces, would have to be counted. Where lamps are
 //! small in a body, or in few views of it, as by the focus of a ball, it is the other way round.
 
-use rayon::prelude::*;
+use std::ops::Range;
 
 use glam::Vec3;
+use rayon::prelude::*;
 
-use catoptric_scene::{Rgb, TriangleId};
+use catoptric_scene::{Rgb, Surface, TriangleId};
 use catoptric_trace::Tracer;
 use catoptric_trace::chain::Event;
 use catoptric_trace::sequence::{Key, Purpose};
@@ -20,7 +21,7 @@ use crate::receiver::Receiver;
 /// A body that shows lamps large.
 #[derive(Clone, Debug)]
 pub struct Lens {
-    triangles: std::ops::Range<u32>,
+    triangles: Range<u32>,
     /// A ball around it.
     pub(crate) center: Vec3,
     pub(crate) radius: f32,
@@ -122,24 +123,20 @@ impl Lights<'_> {
 /// The curved or refracting bodies of a scene: pieces of surfaces that share no corner.
 fn bodies(tracer: &Tracer) -> Vec<Lens> {
     let scene = tracer.scene();
-    let mut bodies = Vec::new();
-    for surface in scene.surfaces() {
+    let is_body = |surface: &&Surface| {
         let material = &scene.materials()[surface.material.index()];
         let bends = |t: u32| material.is_solid() || tracer.reflection(TriangleId(t)) == Event::Curved;
-        if !material.may_be_specular() || !surface.triangles.clone().any(bends) {
-            continue;
-        }
-        for triangles in pieces(scene, surface.triangles.clone()) {
-            let corners = || triangles.clone().flat_map(|t| scene.corners(TriangleId(t)));
-            let low = corners().fold(Vec3::INFINITY, Vec3::min);
-            let high = corners().fold(Vec3::NEG_INFINITY, Vec3::max);
-            let center = 0.5 * (low + high);
-            // Not a corner on the border.
-            let radius = corners().map(|c| c.distance(center)).fold(0.0, f32::max) * (1.0 + 1e-5);
-            if radius > 0.0 {
-                bodies.push(Lens { triangles, center, radius });
-            }
-        }
-    }
-    bodies
+        material.may_be_specular() && surface.triangles.clone().any(bends)
+    };
+    let body = |triangles: Range<u32>| {
+        let corners = || triangles.clone().flat_map(|t| scene.corners(TriangleId(t)));
+        let low = corners().fold(Vec3::INFINITY, Vec3::min);
+        let high = corners().fold(Vec3::NEG_INFINITY, Vec3::max);
+        let center = 0.5 * (low + high);
+        // Not a corner on the border.
+        let radius = corners().map(|c| c.distance(center)).fold(0.0, f32::max) * (1.0 + 1e-5);
+        (radius > 0.0).then_some(Lens { triangles, center, radius })
+    };
+    let surfaces = scene.surfaces().par_iter().with_max_len(1).filter(is_body);
+    surfaces.flat_map_iter(|surface| pieces(scene, surface.triangles.clone()).into_iter().filter_map(body)).collect()
 }

@@ -3,6 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::JOB;
 use crate::draft::Draft;
 
 /// A place where something is small.
@@ -33,16 +34,20 @@ impl Details {
             .par_iter()
             .enumerate()
             .with_min_len(64)
+            .with_max_len(JOB)
             .filter_map(|(index, leaf)| {
                 let [a, b, c] = leaf.vertices.map(|v| draft.vertices[v as usize].position);
                 let size = (b - a).length().max((c - b).length()).max((a - c).length());
+                if size <= shortest {
+                    return None;
+                }
                 let start = self.0.partition_point(|d| d.root < leaf.root);
                 let own = self.0[start..].iter().take_while(|d| d.root == leaf.root);
                 let smallest = own
                     .filter(|d| is_inside(d.position, [a, b, c]))
                     .map(|d| d.size)
                     .fold(f32::INFINITY, f32::min);
-                (size > shortest && size > ratio * smallest).then_some((size / smallest, index as u32))
+                (size > ratio * smallest).then_some((size / smallest, index as u32))
             })
             .collect();
         // The worst first. Each triangle becomes four, and its neighbours are halved.

@@ -151,6 +151,7 @@ impl Draft {
         let flat_meshes: Vec<Option<(FlatMesh, Vec<f64>)>> = drafts
             .par_iter()
             .zip(flats.par_iter().zip(&contacts))
+            .with_max_len(1)
             .enumerate()
             .map(|(index, (face, (flat, contacts)))| {
                 let lines = |parts: bool| -> Vec<Segment> {
@@ -308,10 +309,26 @@ impl Draft {
 
     /// The vertex that halves an edge, made if it does not exist.
     pub fn midpoint(&mut self, tracer: &Tracer, a: u32, b: u32) -> u32 {
-        if let Some(&known) = self.midpoints.get(&edge(a, b)) {
-            return known;
+        let edge = edge(a, b);
+        if let Some(&known) = self.midpoints.get(&edge) { known } else { self.push_midpoint(self.halved(tracer, edge), edge) }
+    }
+
+    /// Makes the vertices that halve edges, where they do not exist, in their order.
+    pub fn make_midpoints(&mut self, tracer: &Tracer, edges: &[(u32, u32)]) {
+        let halved = |&(a, b): &(u32, u32)| {
+            let edge = edge(a, b);
+            (!self.midpoints.contains_key(&edge)).then(|| (edge, self.halved(tracer, edge)))
+        };
+        let made: Vec<_> = edges.par_iter().with_min_len(256).map(halved).collect();
+        for (edge, vertex) in made.into_iter().flatten() {
+            if !self.midpoints.contains_key(&edge) {
+                self.push_midpoint(vertex, edge);
+            }
         }
-        let (a, b) = edge(a, b);
+    }
+
+    /// The vertex that would halve an edge.
+    fn halved(&self, tracer: &Tracer, (a, b): (u32, u32)) -> DraftVertex {
         let (p, q) = (self.vertices[a as usize], self.vertices[b as usize]);
         let position = (p.position + q.position) * 0.5;
         let on = self.curved_edges.get(&(a, b)).copied().unwrap_or(p.face.min(q.face));
@@ -329,17 +346,12 @@ impl Draft {
             let triangle = face.triangle_at(tracer, position);
             (triangle, p.normal, middle(p.sample, q.sample), middle(p.outlook, q.outlook))
         };
+        DraftVertex { position, sample, outlook, normal, face: on, triangle, medium: p.medium, parents: Some([a, b]) }
+    }
+
+    fn push_midpoint(&mut self, vertex: DraftVertex, (a, b): (u32, u32)) -> u32 {
         let index = self.vertices.len() as u32;
-        self.vertices.push(DraftVertex {
-            position,
-            sample,
-            outlook,
-            normal,
-            face: on,
-            triangle,
-            medium: p.medium,
-            parents: Some([a, b]),
-        });
+        self.vertices.push(vertex);
         self.midpoints.insert((a, b), index);
         if let Some(&beside) = self.beside_lines.get(&(a, b)) {
             self.beside_lines.insert(edge(a, index), beside);

@@ -178,6 +178,7 @@ impl NearLight<'_> {
             draft.length((a, b)) > params.ratio * one.distance.min(other.distance)
                 && (one.total() - other.total()).abs() > params.tolerance * shown
         });
+        draft.make_midpoints(self.tracer, &candidates);
         let middles: Vec<u32> = candidates.iter().map(|&(a, b)| draft.midpoint(self.tracer, a, b)).collect();
         draft.fill(&mut known.light, |a, b| 0.5 * (a + b));
         let mut asked: Vec<u32> = ends(&candidates);

@@ -100,12 +100,11 @@ fn halve(
             length > params.min_edge && (round > 0 || length > params.short_edge || differs())
         });
         // Both ends dark and the whole face dark: still look, a light patch may lie between.
-        for &(a, b) in &candidates {
-            draft.midpoint(tracer, a, b);
-        }
+        draft.make_midpoints(tracer, &candidates);
         values.extend(draft, field, params, progress)?;
         let mut marks: Vec<(f32, (u32, u32))> = candidates
-            .iter()
+            .par_iter()
+            .with_min_len(256)
             .filter_map(|&(a, b)| {
                 let middle = values.values[draft.known_midpoint(a, b)? as usize];
                 let [p, q] = [a, b].map(|v| values.values[v as usize]);
@@ -129,9 +128,9 @@ fn halve(
         }
         // The worst first, as far as the budget goes: each split edge makes about two vertices, and half of what is
         // left is kept for later rounds, where shadows get their edges.
-        marks.sort_by(|x, y| x.1.cmp(&y.1).then(y.0.total_cmp(&x.0)));
+        marks.par_sort_unstable_by(|x, y| x.1.cmp(&y.1).then(y.0.total_cmp(&x.0)));
         marks.dedup_by_key(|m| m.1);
-        marks.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
+        marks.par_sort_unstable_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         let room = params.max_vertices.saturating_sub(active.iter().filter(|&&used| used).count());
         marks.truncate(room / 4);
         if marks.is_empty() {

@@ -232,13 +232,16 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let lattice = Lattice::new(tracer, &faces, base_triangles);
     let spacing = lattice.spacing;
     let mut draft = Draft::on(tracer, faces, &lattice, params.near.finest(spacing));
-    let patches = PatchMesh::new(tracer, &draft, spacing);
-    let base = draft.display(tracer);
+    let ((patches, base), ()) = rayon::join(
+        || rayon::join(|| PatchMesh::new(tracer, &draft, spacing), || draft.display(tracer)),
+        || {
+            if params.lenses && params.walk.extended {
+                lights.find_lenses(&onlookers(tracer, &draft, params.seed), params.seed);
+            }
+        },
+    );
     let of_element: Vec<PatchId> = base.roots.iter().map(|&r| patches.of_root[r as usize]).collect();
     report.patches = patches.len();
-    if params.lenses && params.walk.extended {
-        lights.find_lenses(&onlookers(tracer, &draft, params.seed), params.seed);
-    }
     report.lenses = lights.lenses().len();
     let set = params.coarse.method.map(|_| ElementSet::patches(tracer, &draft, &patches));
     progress.advance(1);

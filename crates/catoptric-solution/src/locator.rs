@@ -56,8 +56,9 @@ impl Shape {
 impl Locator {
     /// Builds the grids: about one cell per element.
     pub fn new(vertices: &[DisplayVertex], elements: &[Element], faces: &[Face]) -> Self {
-        let parts: Vec<Self> =
-            faces.par_chunks(FACES_PER_JOB).map(|faces| Self::part(vertices, elements, faces)).collect();
+        // By itself rayon stops splitting after few halves, and one face may be as fine as a thousand others.
+        let jobs = faces.par_chunks(FACES_PER_JOB).with_max_len(1);
+        let parts: Vec<Self> = jobs.map(|faces| Self::part(vertices, elements, faces)).collect();
         let mut all = Self::default();
         all.grids.reserve(faces.len());
         all.starts.reserve(parts.iter().map(|part| part.starts.len()).sum::<usize>() + 1);

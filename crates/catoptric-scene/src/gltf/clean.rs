@@ -1,7 +1,6 @@
 //! Makes the triangles fit for transport: no area, no triangle; one of several that coincide; normals on
 //! the front side; which of them are smooth.
 
-use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use glam::{DVec3, Vec3};
@@ -42,36 +41,53 @@ pub(super) fn clean(parts: &mut SceneParts, normal_precision: &mut Vec<f32>, rep
     *normal_precision = precision;
 }
 
+/// What is said of the triangles of a surface.
+#[derive(Clone, Copy, Default)]
+struct Counts {
+    flat: usize,
+    repeated: usize,
+    fighting: usize,
+}
+
 /// Per triangle: whether it stays.
 fn choose_triangles(parts: &SceneParts, report: &Report) -> Vec<bool> {
     let mut kept = vec![true; parts.triangles.len()];
-    // Triangles on the same three points, by hash; the first of a material stays.
-    let mut places: HashMap<u64, Vec<u32>> = HashMap::new();
-    for surface in &parts.surfaces {
-        let (mut flat, mut repeated, mut fighting) = (0_usize, 0_usize, 0_usize);
-        for at in surface.triangles.clone().map(|at| at as usize) {
-            let key = key_of(parts, at);
-            if !has_area(key.map(Vec3::from_array)) {
-                kept[at] = false;
-                flat += 1;
-                continue;
+    let mut counts = vec![Counts::default(); parts.surfaces.len()];
+    let mut places: Vec<(u64, u32)> = Vec::with_capacity(parts.triangles.len());
+    for (surface, counts) in parts.surfaces.iter().zip(&mut counts) {
+        for at in surface.triangles.clone() {
+            let key = key_of(parts, at as usize);
+            if has_area(key.map(Vec3::from_array)) {
+                let mut hasher = DefaultHasher::new();
+                key.map(|corner| corner.map(f32::to_bits)).hash(&mut hasher);
+                places.push((hasher.finish(), at));
+            } else {
+                kept[at as usize] = false;
+                counts.flat += 1;
             }
-            let mut hasher = DefaultHasher::new();
-            key.map(|corner| corner.map(f32::to_bits)).hash(&mut hasher);
-            let here = places.entry(hasher.finish()).or_default();
-            let coincident =
-                here.iter().map(|&other| other as usize).filter(|&other| key_of(parts, other) == key);
-            let materials: Vec<MaterialId> = coincident
-                .map(|other| parts.surfaces[parts.triangles[other].surface.index()].material)
-                .collect();
-            if materials.contains(&surface.material) || materials.len() >= MOST_COINCIDENT {
-                kept[at] = false;
-                repeated += 1;
-                continue;
-            }
-            fighting += usize::from(!materials.is_empty());
-            here.push(at as u32);
         }
+    }
+    // Triangles on the same three points, by hash; the first of a material stays.
+    places.sort_unstable();
+    let surface_of = |at: u32| parts.triangles[at as usize].surface.index();
+    for group in places.chunk_by(|a, b| a.0 == b.0).filter(|group| group.len() > 1) {
+        let mut here: Vec<u32> = Vec::new();
+        for &(_, at) in group {
+            let key = key_of(parts, at as usize);
+            let material = |at: u32| parts.surfaces[surface_of(at)].material;
+            let coincident = here.iter().filter(|&&other| key_of(parts, other as usize) == key);
+            let materials: Vec<MaterialId> = coincident.map(|&other| material(other)).collect();
+            let counts = &mut counts[surface_of(at)];
+            if materials.contains(&material(at)) || materials.len() >= MOST_COINCIDENT {
+                kept[at as usize] = false;
+                counts.repeated += 1;
+            } else {
+                counts.fighting += usize::from(!materials.is_empty());
+                here.push(at);
+            }
+        }
+    }
+    for (surface, &Counts { flat, repeated, fighting }) in parts.surfaces.iter().zip(&counts) {
         let say = |count: usize, what: &str| {
             if count > 0 {
                 report.warn(format!("surface {:?}", surface.name), format!("{count} {what}"));
