@@ -90,6 +90,7 @@ impl Lights<'_> {
             let key = Key::new(seed, Purpose::Lens, u64::from(body.triangles.start));
             let views: Vec<Option<bool>> = receivers
                 .par_iter()
+                .with_max_len(1)
                 .enumerate()
                 .map_init(Scratch::default, |scratch, (index, receiver)| {
                     self.shows_lamps(body, receiver, key.child(index as u32), scratch)

@@ -70,12 +70,12 @@ impl Obstacles {
             self.segments(scene, &faces[index], &flats[index], [spacing, finest], limit)
         };
         let mut found: Vec<Option<Vec<Contact>>> =
-            (0..faces.len()).into_par_iter().map(|index| find(index, worth[index])).collect();
+            (0..faces.len()).into_par_iter().with_max_len(1).map(|index| find(index, worth[index])).collect();
         let mut crowded: Vec<usize> = (0..faces.len()).filter(|&index| found[index].is_none()).collect();
         crowded.sort_by(|&a, &b| area(&flats[b]).total_cmp(&area(&flats[a])).then(a.cmp(&b)));
         crowded.truncate(MAX_CROWDED);
         let more: Vec<Option<Vec<Contact>>> =
-            crowded.par_iter().map(|&index| find(index, MAX_SEGMENTS)).collect();
+            crowded.par_iter().with_max_len(1).map(|&index| find(index, MAX_SEGMENTS)).collect();
         for (index, more) in crowded.into_iter().zip(more) {
             found[index] = more;
         }

@@ -10,6 +10,7 @@ use rustc_hash::{FxHashMap, FxHashSet};
 use catoptric_scene::{Barycentric, Scene, TriangleId};
 use catoptric_trace::{MediumId, Tracer};
 
+use crate::JOB;
 use crate::contact::{Obstacles, Segment};
 use crate::draft::{Draft, DraftVertex, Leaf, edge};
 use crate::face::FaceDraft;
@@ -63,6 +64,7 @@ pub(crate) fn cuts(
     let tolerance = obstacles.tolerance();
     let mut lines: Vec<Vec<Segment>> = faces
         .par_iter()
+        .with_max_len(JOB)
         .map(|face| if face.curved { obstacles.crossings(scene, face, spacing) } else { Vec::new() })
         .collect();
     keep_largest(scene, faces, &mut lines);
@@ -90,6 +92,7 @@ pub(crate) fn cuts(
     faces
         .par_iter()
         .zip(&lines)
+        .with_max_len(JOB)
         .map(|(face, lines)| {
             if !face.curved || ends.is_empty() && lines.is_empty() {
                 return None;

@@ -9,6 +9,7 @@ use catoptric_scene::{Material, Side, TriangleId};
 use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame};
 use catoptric_trace::{MediumId, PlaneId, Ray, Tracer};
 
+use crate::JOB;
 use crate::draft::Draft;
 
 /// Rays that vote per face.
@@ -38,8 +39,10 @@ pub fn find_media(tracer: &Tracer, draft: &mut Draft) {
             *best = (area, leaf.root);
         }
     }
+    let largest: Vec<((u32, u32), (f32, u32))> = largest.into_iter().collect();
     let medium_of: BTreeMap<(u32, u32), MediumId> = largest
         .into_par_iter()
+        .with_max_len(JOB)
         .map(|(key, (_, root))| {
             let corners = draft.base[root as usize].map(|v| draft.vertices[v as usize].position);
             let center = corners.iter().sum::<Vec3>() / 3.0;

@@ -110,7 +110,7 @@ impl Near {
             glimpses.extend(seen);
         }
         glimpses
-            .par_extend(draft.soft_edges.par_iter().flat_map_iter(|edge| soft(tracer, draft, base, edge)));
+            .par_extend(draft.soft_edges.par_iter().with_max_len(JOB).flat_map_iter(|edge| soft(tracer, draft, base, edge)));
         Self { around, beside, glimpses: Details::new(glimpses) }
     }
 

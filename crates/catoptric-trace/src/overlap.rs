@@ -88,6 +88,7 @@ impl Overlaps {
             order.chunk_by(|&a, &b| planes.of(TriangleId(a)) == planes.of(TriangleId(b))).collect();
         let found: Vec<Vec<(u32, u8, u32)>> = groups
             .into_par_iter()
+            .with_max_len(1)
             .map(|group| {
                 let normal = planes.plane(planes.of(TriangleId(group[0]))).normal;
                 let members = group.iter().map(|&id| {

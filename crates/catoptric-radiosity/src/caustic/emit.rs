@@ -13,6 +13,7 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use catoptric_trace::walk::{self, Arrival, WalkParams};
 use catoptric_trace::{Chain, Event, Hit, Ledger, Ray};
 
+use crate::JOB;
 use crate::caustic::deposit::Deposit;
 use crate::caustic::source::{self, Source};
 use crate::caustic::table::Table;
@@ -86,7 +87,9 @@ impl<'a> Emission<'a> {
             choice: Table::default(),
             tables: Vec::new(),
         };
-        let of = |source: &Source| emission.targets.iter().map(|t| source.importance(lights, t)).collect();
+        let of = |source: &Source| {
+            emission.targets.par_iter().with_min_len(JOB).map(|t| source.importance(lights, t)).collect()
+        };
         emission.importance = emission.sources.par_iter().map(of).collect();
         emission.weigh(|_| 1.0);
         (emission.choice.total > 0.0).then_some(emission)

@@ -175,13 +175,20 @@ pub(crate) fn final_gather(
     spacing: f32,
     progress: &dyn Progress,
 ) -> Result<GatheredLight, Cancelled> {
-    let gathers = Gathers::new(lights, draft, hidden, sharing, params, spacing, progress);
-    let origin = &gathers.displayed.origin;
-    let samples = gathers.samples();
-    progress.begin("gather", (samples.len() + origin.len()) as u64);
     let mesh = &sight.displayed.mesh;
-    let coarse_seen = spread(sight.draft, coarse.patches, coarse.indirect);
-    let irradiance = sight.with(&coarse_seen);
+    let ((gathers, samples), (coarse_seen, irradiance)) = rayon::join(
+        || {
+            let gathers = Gathers::new(lights, draft, hidden, sharing, params, spacing, progress);
+            let samples = gathers.samples();
+            (gathers, samples)
+        },
+        || {
+            let coarse_seen = spread(sight.draft, coarse.patches, coarse.indirect);
+            let irradiance = sight.with(&coarse_seen);
+            (coarse_seen, irradiance)
+        },
+    );
+    progress.begin("gather", (samples.len() + gathers.displayed.origin.len()) as u64);
     let light = DiffuseLight { mesh, irradiance: &irradiance };
     let mut vertices = gathers.look(&light);
     // All guides stand before the first vertex finds more.
@@ -197,7 +204,10 @@ pub(crate) fn final_gather(
     let irradiance = sight.with(&looked_at);
     let light = DiffuseLight { mesh, irradiance: &irradiance };
     let inside = gathers.inside(&light, &samples, &vertices, &spots, &budget);
-    gathers.lead(&light, &mut vertices, &spots, &budget);
+    let ((), fit_mesh) = rayon::join(
+        || gathers.lead(&light, &mut vertices, &spots, &budget),
+        || FitMesh::new(&gathers.displayed.mesh),
+    );
     if progress.is_cancelled() {
         return Err(Cancelled);
     }
@@ -205,7 +215,7 @@ pub(crate) fn final_gather(
     let FitParams { smoothing, balance, .. } = params.gather_fit;
     let fit_params =
         FitParams { smoothing: smoothing * spacing, balance: balance * spacing, ..params.gather_fit };
-    let mut terms = fit_terms(&gathers, &samples, &inside.gathered, &vertices, &fit_params);
+    let mut terms = fit_terms(&gathers, &fit_mesh, &samples, &inside.gathered, &vertices, &fit_params);
 
     // What was found beyond what was seen is missing from all further reflections.
     let looked_at = sight.at_gathers(&looked_at);
@@ -270,6 +280,7 @@ const SETTLED: f64 = 1e-3;
 /// Fits each term: direct, mirrored, caustic and indirect per draft vertex.
 fn fit_terms(
     gathers: &Gathers,
+    fit_mesh: &FitMesh,
     samples: &[FitSample],
     inside: &[Gathered],
     vertices: &Vertices,
@@ -292,7 +303,7 @@ fn fit_terms(
     let together: Vec<FitTerm> = lit.iter().map(|(_, values, prior)| FitTerm { values, prior }).collect();
     let noise: Vec<f32> = vertices.gathered.iter().map(|g| g.noise).collect();
     let trust = trusted(mesh, &vertices.trust, &noise);
-    let fitted = fit(&FitMesh::new(mesh), samples, &together, &trust, &noise, params);
+    let fitted = fit(fit_mesh, samples, &together, &trust, &noise, params);
     for ((term, ..), fitted) in lit.iter().zip(fitted) {
         for (&v, fitted) in origin.iter().zip(fitted) {
             if let Some(terms) = &mut terms[v as usize] {
