@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use catoptric_scene::{Scene, TriangleId};
 use catoptric_trace::BoxTree;
+use catoptric_trace::plane::bounds_of;
 
 use crate::face::FaceDraft;
 use crate::triangulate::{Points, outline};
@@ -40,7 +41,8 @@ const TOUCH: f64 = 4e-6;
 
 impl Obstacles {
     /// All triangles of the scene.
-    pub fn new(scene: &Scene, center: DVec3, diagonal: f64) -> Self {
+    pub fn new(scene: &Scene) -> Self {
+        let (center, diagonal) = bounds_of(scene);
         let boxes = (0..scene.triangles().len() as u32).map(|t| {
             let [a, b, c] = scene.corners(TriangleId(t));
             [a.min(b).min(c), a.max(b).max(c)]
@@ -454,7 +456,6 @@ mod tests {
     use super::*;
     use catoptric_scene::{Material, Rgb, SceneParts, Side};
     use catoptric_trace::Tracer;
-    use catoptric_trace::plane::bounds_of;
     use glam::Vec3;
 
     use crate::face::faces;
@@ -476,9 +477,8 @@ mod tests {
                 own.iter().map(flat).collect()
             })
             .collect();
-        let (center, diagonal) = bounds_of(&scene);
         let lines =
-            Obstacles::new(&scene, center, diagonal).contact_lines(&scene, &drafts, &flats, 1.0, 0.005);
+            Obstacles::new(&scene).contact_lines(&scene, &drafts, &flats, 1.0, 0.005);
         let floor = drafts
             .iter()
             .position(|f| f.side == Side::Front && f.triangles.contains(&TriangleId(0)))

@@ -13,7 +13,6 @@ use rustc_hash::{FxHashMap, FxHashSet};
 use catoptric_light::Receiver;
 use catoptric_scene::{Barycentric, TriangleId};
 use catoptric_trace::interaction::Coat;
-use catoptric_trace::plane::bounds_of;
 use catoptric_trace::{MediumId, MediumStack, Tracer};
 
 use crate::contact::{Obstacles, Segment, gaps_at};
@@ -68,6 +67,13 @@ pub struct Closed {
 }
 
 impl Closed {
+    /// Those of a leaf of which an edge is halved (0: between corners 0 and 1, …) by a vertex, or none.
+    pub(crate) fn of(vertices: [u32; 3], halved: Option<(usize, u32)>) -> Self {
+        let Some((k, m)) = halved else { return Self { triangles: [vertices; 2], count: 1 } };
+        let [p, q, opposite] = [0, 1, 2].map(|i| vertices[(k + i) % 3]);
+        Self { triangles: [[p, m, opposite], [m, q, opposite]], count: 2 }
+    }
+
     /// Their corners.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles[..usize::from(self.count)]
@@ -125,17 +131,22 @@ pub(crate) fn edge(a: u32, b: u32) -> (u32, u32) {
 impl Draft {
     /// Cuts the diffuse sides of the scene into triangles with edges about `spacing` long, metres.
     pub fn new(tracer: &Tracer, spacing: f32) -> Self {
-        Self::on(tracer, faces(tracer), &Lattice::even(spacing), f32::INFINITY)
+        let obstacles = Obstacles::new(tracer.scene());
+        Self::on(tracer, &obstacles, faces(tracer), &Lattice::even(spacing), f32::INFINITY)
     }
 
     /// Cuts faces into triangles of a lattice. Their edges will be refined to about `finest` metres where things are near: what hangs lower
     /// before a face, or where that is infinite all that hangs, parts the light there.
-    pub(crate) fn on(tracer: &Tracer, drafts: Vec<FaceDraft>, lattice: &Lattice, finest: f32) -> Self {
+    pub(crate) fn on(
+        tracer: &Tracer,
+        obstacles: &Obstacles,
+        drafts: Vec<FaceDraft>,
+        lattice: &Lattice,
+        finest: f32,
+    ) -> Self {
         let scene = tracer.scene();
         let spacing = lattice.spacing;
         let mut draft = Self { most_weight: spacing * spacing, ..Self::default() };
-        let (center, diagonal) = bounds_of(scene);
-        let obstacles = Obstacles::new(scene, center, diagonal);
         let tolerance = obstacles.tolerance();
 
         let flats: Vec<Vec<[DVec2; 3]>> = drafts
@@ -177,7 +188,7 @@ impl Draft {
                 draft.soft_edges.push(SoftEdge { face, ends, height: contact.gap as f32 });
             }
         }
-        let cuts = cuts(scene, &drafts, &obstacles, spacing_in_f64);
+        let cuts = cuts(scene, &drafts, obstacles, spacing_in_f64);
         draft.faces = drafts;
         let mut welded: BTreeMap<[u32; 7], u32> = BTreeMap::new();
         let mut gap_of: Vec<f64> = Vec::new();
@@ -468,13 +479,12 @@ impl Draft {
 
     /// The conforming triangles of a leaf.
     pub fn closed(&self, leaf: &Leaf) -> Closed {
-        let [a, b, c] = leaf.vertices;
-        for (p, q, opposite) in [(a, b, c), (b, c, a), (c, a, b)] {
-            if let Some(m) = self.marked_midpoint(p, q) {
-                return Closed { triangles: [[p, m, opposite], [m, q, opposite]], count: 2 };
-            }
-        }
-        Closed { triangles: [leaf.vertices; 2], count: 1 }
+        Closed::of(leaf.vertices, self.halved_edge(leaf.vertices))
+    }
+
+    /// Which edge of a leaf is halved by its neighbour (0: between corners 0 and 1, …), and the vertex there.
+    pub(crate) fn halved_edge(&self, vertices: [u32; 3]) -> Option<(usize, u32)> {
+        (0..3).find_map(|k| self.marked_midpoint(vertices[k], vertices[(k + 1) % 3]).map(|m| (k, m)))
     }
 
     /// What each base triangle hangs together with: vertices are not shared across contact lines.

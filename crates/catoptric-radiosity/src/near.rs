@@ -248,6 +248,7 @@ fn surroundings(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contact::Obstacles;
     use crate::detail::is_inside;
     use crate::face::faces;
     use crate::solve::coarse_patches;
@@ -295,7 +296,8 @@ mod tests {
         let tracer = Tracer::new(&scene);
         let spacing = 0.2;
         let lattice = Lattice::even(spacing);
-        let mut draft = Draft::on(&tracer, faces(&tracer), &lattice, 0.01);
+        let obstacles = Obstacles::new(&scene);
+        let mut draft = Draft::on(&tracer, &obstacles, faces(&tracer), &lattice, 0.01);
         let near = Near::new(&tracer, &draft, &draft.display(&tracer), spacing, 0);
         let params =
             NearParams { ratio: 1.2, rounds: 0, detail_rounds: 4, detail_share: 2.0, max_details: 5000 };

@@ -1,5 +1,7 @@
 //! Pass one from end to end: mesh, sources, coarse solve, final gather.
 
+use rayon::prelude::*;
+
 use catoptric_light::{LightParams, Lights, Receiver};
 use catoptric_scene::{Progress, Rgb, TriangleId};
 use catoptric_solution::{DisplayMesh, PatchRadiosity, Quality, Solution, Term};
@@ -10,6 +12,7 @@ use catoptric_trace::{Ledger, Tracer};
 use crate::caustic::{CausticParams, CausticReport, caustic};
 pub use crate::coarse::SolveError;
 use crate::coarse::{CoarseParams, CoarseSolution, MAX_FRAMES, rows_by, solve_coarse};
+use crate::contact::Obstacles;
 use crate::display::Displayed;
 use crate::draft::Draft;
 use crate::face::faces;
@@ -228,10 +231,16 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     // Cut the diffuse surfaces into triangles.
     progress.begin("mesh", 1);
     let base_triangles = lattice_budget(params.base_triangles, diffuse_triangles(tracer).count());
-    let faces = faces(tracer);
-    let lattice = Lattice::new(tracer, &faces, base_triangles);
+    let ((faces, lattice), obstacles) = rayon::join(
+        || {
+            let faces = faces(tracer);
+            let lattice = Lattice::new(tracer, &faces, base_triangles);
+            (faces, lattice)
+        },
+        || Obstacles::new(tracer.scene()),
+    );
     let spacing = lattice.spacing;
-    let mut draft = Draft::on(tracer, faces, &lattice, params.near.finest(spacing));
+    let mut draft = Draft::on(tracer, &obstacles, faces, &lattice, params.near.finest(spacing));
     let ((patches, base), ()) = rayon::join(
         || rayon::join(|| PatchMesh::new(tracer, &draft, spacing), || draft.display(tracer)),
         || {
@@ -529,19 +538,19 @@ fn assemble(
         });
         terms.push(value);
     }
+    let of = |value: &(dyn Fn(&SourceLight, [Rgb; 4]) -> Rgb + Sync)| -> Vec<Rgb> {
+        let own = |&v: &u32| value(&sources[v as usize], terms[v as usize]);
+        origin.par_iter().with_min_len(1024).map(own).collect()
+    };
     let mut solution = Solution { mesh, ..Solution::default() };
-    for &v in origin {
-        let source = &sources[v as usize];
-        let [direct, mirrored, caustic, indirect] = terms[v as usize];
-        let direct = source.sky + direct;
-        solution.irradiance[Term::Direct.index()].push(source.direct + direct);
-        solution.irradiance[Term::Mirrored.index()].push(source.mirrored + mirrored);
-        solution.gathered[Term::Direct.index()].push(direct);
-        solution.gathered[Term::Mirrored.index()].push(mirrored);
-        solution.irradiance[Term::Caustic.index()].push(source.lens + caustic);
-        solution.irradiance[Term::Indirect.index()].push(indirect);
-        solution.punctual.push(source.punctual);
-    }
+    let [d, m, c, i] = Term::ALL.map(Term::index);
+    solution.gathered[d] = of(&|source, terms| source.sky + terms[d]);
+    solution.gathered[m] = of(&|_, terms| terms[m]);
+    solution.irradiance[d] = of(&|source, terms| source.direct + (source.sky + terms[d]));
+    solution.irradiance[m] = of(&|source, terms| source.mirrored + terms[m]);
+    solution.irradiance[c] = of(&|source, terms| source.lens + terms[c]);
+    solution.irradiance[i] = of(&|_, terms| terms[i]);
+    solution.punctual = of(&|source, _| source.punctual);
     for values in solution.gathered.iter_mut().filter(|values| values.iter().all(|v| *v == Rgb::ZERO)) {
         values.clear();
     }

@@ -15,7 +15,7 @@ use catoptric_trace::Tracer;
 
 use crate::JOB;
 use crate::caustic::deposit::{Deposits, LEVELS, Part, Within};
-use crate::draft::{Draft, Leaf};
+use crate::draft::{Closed, Draft, Leaf};
 
 /// When triangles are fine enough for the caustic term.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,8 +78,16 @@ pub(super) fn project(draft: &Draft, deposits: &Deposits, sharpening: u32) -> Ve
 #[derive(Clone, Copy, Debug)]
 struct Looked {
     part: Part,
-    halved: Option<usize>,
+    /// Which edge is halved, and the vertex there.
+    halved: Option<(usize, u32)>,
     known: Known,
+}
+
+impl Looked {
+    /// What it is known by.
+    fn key(&self) -> (u64, u32, Option<usize>) {
+        (self.part.code, self.part.level, self.halved.map(|h| h.0))
+    }
 }
 
 /// The moments of every leaf.
@@ -91,12 +99,10 @@ fn look(draft: &Draft, deposits: &Deposits, memory: &Memory) -> Vec<Looked> {
         .with_max_len(8 * JOB)
         .map(|leaf| {
             let part = Part::of(draft, leaf);
-            let halved = halved(draft, leaf.vertices).map(|h| h.0);
-            let known = memory
-                .get(&(part.code, part.level, halved))
-                .copied()
-                .unwrap_or_else(|| Known { moments: moments(deposits, part, halved), judged: None });
-            Looked { part, halved, known }
+            let mut looked = Looked { part, halved: draft.halved_edge(leaf.vertices), known: Known::default() };
+            let fresh = || Known { moments: moments(deposits, part, looked.halved.map(|h| h.0)), judged: None };
+            looked.known = memory.get(&looked.key()).copied().unwrap_or_else(fresh);
+            looked
         })
         .collect()
 }
@@ -126,12 +132,12 @@ impl Projection {
                 variance[v as usize] += moments.squares[corner];
             }
             let mut whole = draft.area(leaf);
-            if let Some((_, middle)) = halved(draft, leaf.vertices) {
+            if let Some((_, middle)) = looked.halved {
                 right[middle as usize] += moments.middle;
                 variance[middle as usize] += moments.squares[3];
                 whole *= 0.5;
             }
-            for &vertices in draft.closed(leaf).triangles() {
+            for &vertices in Closed::of(leaf.vertices, looked.halved).triangles() {
                 for v in vertices {
                     mass[v as usize] += whole / 3.0;
                 }
@@ -181,11 +187,6 @@ fn sharpened(triangles: &[([u32; 3], f32)], mass: &[f32], lumped: &[Rgb], values
         power[j] -= flow;
     });
     power.iter().zip(mass).map(|(&p, &m)| if m > 0.0 { (p / m).max(Rgb::ZERO) } else { Rgb::ZERO }).collect()
-}
-
-/// Which edge of a leaf is halved by its neighbour (0: between corners 0 and 1, …), and the vertex there.
-fn halved(draft: &Draft, vertices: [u32; 3]) -> Option<(usize, u32)> {
-    (0..3).find_map(|k| draft.marked_midpoint(vertices[k], vertices[(k + 1) % 3]).map(|m| (k, m)))
 }
 
 fn moments(deposits: &Deposits, part: Part, halved: Option<usize>) -> Moments {
@@ -261,7 +262,7 @@ pub(super) fn refine(
         draft.split(tracer, &marks);
         // Those that got nothing are as quickly looked at again.
         let lit = leaves.iter().filter(|l| l.known.moments.squares != [0.0; 4]);
-        memory = lit.map(|l| ((l.part.code, l.part.level, l.halved), l.known)).collect();
+        memory = lit.map(|l| (l.key(), l.known)).collect();
     }
     Ok(Density::default())
 }

@@ -16,6 +16,7 @@ mod target;
 pub use density::DensityParams;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use catoptric_light::Lights;
 use catoptric_scene::{Cancelled, Progress, Rgb};
@@ -210,20 +211,17 @@ impl Caustic {
         }
         let displayed = draft.display(tracer);
         let mut result = Solution { mesh: displayed.mesh, ..solution };
+        let of = |value: &(dyn Fn(usize) -> Rgb + Sync)| -> Vec<Rgb> {
+            displayed.origin.par_iter().with_min_len(1024).map(|&v| value(v as usize)).collect()
+        };
         for (t, term) in Term::ALL.into_iter().enumerate() {
-            result.irradiance[t] = displayed
-                .origin
-                .iter()
-                .map(|&v| {
-                    let more = if term == Term::Caustic { caustic[v as usize] } else { Rgb::ZERO };
-                    terms[v as usize][t] + more
-                })
-                .collect();
+            let is_own = term == Term::Caustic;
+            result.irradiance[t] = of(&|v| terms[v][t] + if is_own { caustic[v] } else { Rgb::ZERO });
         }
         for (t, values) in result.gathered.iter_mut().enumerate().filter(|(_, values)| !values.is_empty()) {
-            *values = displayed.origin.iter().map(|&v| terms[v as usize][t + 5]).collect();
+            *values = of(&|v| terms[v][t + 5]);
         }
-        result.punctual = displayed.origin.iter().map(|&v| terms[v as usize][4]).collect();
+        result.punctual = of(&|v| terms[v][4]);
         result
     }
 }
