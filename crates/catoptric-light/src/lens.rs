@@ -139,5 +139,7 @@ fn bodies(tracer: &Tracer) -> Vec<Lens> {
         (radius > 0.0).then_some(Lens { triangles, center, radius })
     };
     let surfaces = scene.surfaces().par_iter().with_max_len(1).filter(is_body);
-    surfaces.flat_map_iter(|surface| pieces(scene, surface.triangles.clone()).into_iter().filter_map(body)).collect()
+    surfaces
+        .flat_map_iter(|surface| pieces(scene, surface.triangles.clone()).into_iter().filter_map(body))
+        .collect()
 }

@@ -477,8 +477,7 @@ mod tests {
                 own.iter().map(flat).collect()
             })
             .collect();
-        let lines =
-            Obstacles::new(&scene).contact_lines(&scene, &drafts, &flats, 1.0, 0.005);
+        let lines = Obstacles::new(&scene).contact_lines(&scene, &drafts, &flats, 1.0, 0.005);
         let floor = drafts
             .iter()
             .position(|f| f.side == Side::Front && f.triangles.contains(&TriangleId(0)))

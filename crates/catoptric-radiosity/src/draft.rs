@@ -59,6 +59,13 @@ pub struct Leaf {
     pub level: u8,
 }
 
+impl DraftVertex {
+    /// Gathers other light where it receives that of sources, and not farther inside.
+    pub(crate) fn gather_there(&mut self) {
+        self.outlook = self.sample;
+    }
+}
+
 /// The conforming triangles of a leaf: itself, or two halves.
 #[derive(Clone, Copy, Debug)]
 pub struct Closed {
@@ -321,7 +328,11 @@ impl Draft {
     /// The vertex that halves an edge, made if it does not exist.
     pub fn midpoint(&mut self, tracer: &Tracer, a: u32, b: u32) -> u32 {
         let edge = edge(a, b);
-        if let Some(&known) = self.midpoints.get(&edge) { known } else { self.push_midpoint(self.halved(tracer, edge), edge) }
+        if let Some(&known) = self.midpoints.get(&edge) {
+            known
+        } else {
+            self.push_midpoint(self.halved(tracer, edge), edge)
+        }
     }
 
     /// Makes the vertices that halve edges, where they do not exist, in their order.
@@ -357,7 +368,16 @@ impl Draft {
             let triangle = face.triangle_at(tracer, position);
             (triangle, p.normal, middle(p.sample, q.sample), middle(p.outlook, q.outlook))
         };
-        DraftVertex { position, sample, outlook, normal, face: on, triangle, medium: p.medium, parents: Some([a, b]) }
+        DraftVertex {
+            position,
+            sample,
+            outlook,
+            normal,
+            face: on,
+            triangle,
+            medium: p.medium,
+            parents: Some([a, b]),
+        }
     }
 
     fn push_midpoint(&mut self, vertex: DraftVertex, (a, b): (u32, u32)) -> u32 {

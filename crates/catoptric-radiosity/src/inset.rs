@@ -13,7 +13,7 @@ pub(crate) const INSET: f32 = 0.01;
 /// Beside what hangs or stands before a face light is gathered as far inside as this multiple of its gap, as the dark that
 /// shows through the gap is narrower than elements: as far as that a tenth of the light from an upright side is missing
 /// (1 − 2/√5).
-const BESIDE_GAP: f32 = 2.0;
+pub(crate) const BESIDE_GAP: f32 = 2.0;
 /// … but not by more than this share of the way.
 const MAX_INSET: f32 = 0.15;
 

@@ -219,6 +219,7 @@ fn median(mut values: Vec<(f32, f32)>) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contact::Obstacles;
     use crate::draft::Draft;
     use crate::face::faces;
     use catoptric_scene::{Material, MaterialId, Rgb, Scene, SceneParts};

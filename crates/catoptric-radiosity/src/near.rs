@@ -109,8 +109,13 @@ impl Near {
             beside.push(near);
             glimpses.extend(seen);
         }
-        glimpses
-            .par_extend(draft.soft_edges.par_iter().with_max_len(JOB).flat_map_iter(|edge| soft(tracer, draft, base, edge)));
+        glimpses.par_extend(
+            draft
+                .soft_edges
+                .par_iter()
+                .with_max_len(JOB)
+                .flat_map_iter(|edge| soft(tracer, draft, base, edge)),
+        );
         Self { around, beside, glimpses: Details::new(glimpses) }
     }
 

@@ -99,8 +99,10 @@ fn look(draft: &Draft, deposits: &Deposits, memory: &Memory) -> Vec<Looked> {
         .with_max_len(8 * JOB)
         .map(|leaf| {
             let part = Part::of(draft, leaf);
-            let mut looked = Looked { part, halved: draft.halved_edge(leaf.vertices), known: Known::default() };
-            let fresh = || Known { moments: moments(deposits, part, looked.halved.map(|h| h.0)), judged: None };
+            let mut looked =
+                Looked { part, halved: draft.halved_edge(leaf.vertices), known: Known::default() };
+            let fresh =
+                || Known { moments: moments(deposits, part, looked.halved.map(|h| h.0)), judged: None };
             looked.known = memory.get(&looked.key()).copied().unwrap_or_else(fresh);
             looked
         })
