@@ -110,6 +110,11 @@ impl Sample {
         let variance = (self.squares - between).max(0.0) / (count - means).max(1.0);
         variance.sqrt() / (mean + DARK * exposure)
     }
+
+    /// Standard error of the pixel, by its own samples, likewise.
+    pub(crate) fn error(&self, exposure: f32) -> f32 {
+        self.deviation(exposure) / (self.samples.max(1) as f32).sqrt()
+    }
 }
 
 /// Some of the eight neighbours of a pixel.
