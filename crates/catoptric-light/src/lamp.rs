@@ -81,16 +81,29 @@ struct Edge {
 }
 
 /// The outline of a lamp as an eye sees it, and the buffers that find it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Outline {
     /// Corners in the plane before the eye that holds the farthest of them, in order.
     pub corners: Vec<DVec3>,
     /// Unit normal of that plane, away from the eye.
     pub axis: DVec3,
-    facing: Vec<bool>,
-    /// Edges between a facet that is seen and one that is not.
-    edges: Vec<u32>,
+    /// As many as lamps may have, so that no index has to be checked.
+    facing: Box<[bool; MOST]>,
+    /// Edges between a facet that is seen and one that is not, likewise.
+    edges: Box<[u32; MOST]>,
     next: Vec<u32>,
+}
+
+impl Default for Outline {
+    fn default() -> Self {
+        Self {
+            corners: Vec::new(),
+            axis: DVec3::ZERO,
+            facing: Box::new([false; MOST]),
+            edges: Box::new([0; MOST]),
+            next: Vec::new(),
+        }
+    }
 }
 
 /// How an eye sees a lamp.
@@ -115,6 +128,8 @@ pub enum Beyond {
     Wholly,
 }
 
+/// Facets, or edges, at most: a convex surface of n corners has no more than 2n − 4 and 3n − 6. A power of two.
+const MOST: usize = 4096;
 /// Corners at most: each pair of a facet and a corner is tested once.
 const MAX_CORNERS: usize = 1024;
 /// Corners of what may be flat at most.
@@ -163,7 +178,7 @@ impl Lamp {
             shape.keep_border()?;
         }
         let Shape { corners, facets, edges, .. } = shape;
-        if corners.len() > MAX_CORNERS {
+        if corners.len() > MAX_CORNERS || facets.len().max(edges.len()) >= MOST {
             return None;
         }
         let center = corners.iter().sum::<DVec3>() / corners.len() as f64;
@@ -221,8 +236,9 @@ impl Lamp {
         }
         let Some(axis) = offset.try_normalize() else { return Sight::Hidden };
         outline.axis = axis;
-        outline.facing.clear();
-        outline.facing.extend(self.facets.heights(eye).map(|height| height > 0.0));
+        for (facing, height) in outline.facing.iter_mut().zip(self.facets.heights(eye)) {
+            *facing = height > 0.0;
+        }
         if let Some(plane) = self.plane() {
             if plane == hidden || !outline.facing[0] {
                 return Sight::Hidden;
@@ -231,7 +247,7 @@ impl Lamp {
             outline.corners.extend(&self.corners);
             return Sight::Outline;
         }
-        let faces_opening = outline.facing[self.facets.glowing..].contains(&true);
+        let faces_opening = outline.facing[self.facets.glowing..self.facets.len()].contains(&true);
         if faces_opening || hidden != PlaneId::NONE && self.facets.planes.contains(&hidden) {
             return Sight::Facets;
         }
@@ -239,11 +255,10 @@ impl Lamp {
         outline.next.clear();
         outline.next.resize(self.corners.len(), u32::MAX);
         // Few are: found without a branch for each.
-        outline.edges.resize(self.edges.len(), 0);
         let mut count = 0;
-        for (index, edge) in self.edges.iter().enumerate() {
-            let [a, b] = edge.facets.map(|f| outline.facing[f as usize]);
-            outline.edges[count] = index as u32;
+        for (edge, index) in self.edges.iter().zip(0..) {
+            let [a, b] = edge.facets.map(|f| outline.facing[f as usize % MOST]);
+            outline.edges[count % MOST] = index;
             count += usize::from(a != b);
         }
         let mut first = u32::MAX;

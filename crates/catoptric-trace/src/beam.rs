@@ -28,6 +28,7 @@ pub struct Base {
 
 impl Base {
     /// A convex polygon, or a rectangle around it if it has many corners. `None` if it has no area.
+    #[inline]
     pub fn around(polygon: &[DVec3]) -> Option<Self> {
         let center = polygon.iter().sum::<DVec3>() / polygon.len() as f64;
         let mut corners = [DVec3::ZERO; MAX_CORNERS];
@@ -142,6 +143,7 @@ const ROUNDING: f32 = 0.125;
 impl Pyramid {
     /// From `eye` to `base`, between the planes `near` and `far`; the triangles `skip` are not in the way. `None` where it is
     /// too flat to tell inside from outside.
+    #[inline]
     pub fn new(eye: DVec3, base: &Base, near: End, far: End, skip: Range<u32>) -> Option<Self> {
         let mut planes = [(Vec3::ZERO, 0.0); MAX_CORNERS + 2];
         let corners = base.corners();
