@@ -81,29 +81,17 @@ struct Edge {
 }
 
 /// The outline of a lamp as an eye sees it, and the buffers that find it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Outline {
     /// Corners in the plane before the eye that holds the farthest of them, in order.
     pub corners: Vec<DVec3>,
     /// Unit normal of that plane, away from the eye.
     pub axis: DVec3,
-    /// As many as lamps may have, so that no index has to be checked.
-    facing: Box<[bool; MOST]>,
+    /// As many as lamps may have once one was asked, so that no index has to be checked.
+    facing: Vec<bool>,
     /// Edges between a facet that is seen and one that is not, likewise.
-    edges: Box<[u32; MOST]>,
+    edges: Vec<u32>,
     next: Vec<u32>,
-}
-
-impl Default for Outline {
-    fn default() -> Self {
-        Self {
-            corners: Vec::new(),
-            axis: DVec3::ZERO,
-            facing: Box::new([false; MOST]),
-            edges: Box::new([0; MOST]),
-            next: Vec::new(),
-        }
-    }
 }
 
 /// How an eye sees a lamp.
@@ -236,18 +224,25 @@ impl Lamp {
         }
         let Some(axis) = offset.try_normalize() else { return Sight::Hidden };
         outline.axis = axis;
-        for (facing, height) in outline.facing.iter_mut().zip(self.facets.heights(eye)) {
+        outline.facing.resize(MOST, false);
+        outline.edges.resize(MOST, 0);
+        let (Some((facing, _)), Some((edges, _))) =
+            (outline.facing.split_first_chunk_mut::<MOST>(), outline.edges.split_first_chunk_mut::<MOST>())
+        else {
+            return Sight::Hidden;
+        };
+        for (facing, height) in facing.iter_mut().zip(self.facets.heights(eye)) {
             *facing = height > 0.0;
         }
         if let Some(plane) = self.plane() {
-            if plane == hidden || !outline.facing[0] {
+            if plane == hidden || !facing[0] {
                 return Sight::Hidden;
             }
             outline.axis = -self.facets.normal(0);
             outline.corners.extend(&self.corners);
             return Sight::Outline;
         }
-        let faces_opening = outline.facing[self.facets.glowing..self.facets.len()].contains(&true);
+        let faces_opening = facing[self.facets.glowing..self.facets.len()].contains(&true);
         if faces_opening || hidden != PlaneId::NONE && self.facets.planes.contains(&hidden) {
             return Sight::Facets;
         }
@@ -257,14 +252,14 @@ impl Lamp {
         // Few are: found without a branch for each.
         let mut count = 0;
         for (edge, index) in self.edges.iter().zip(0..) {
-            let [a, b] = edge.facets.map(|f| outline.facing[f as usize % MOST]);
-            outline.edges[count % MOST] = index;
+            let [a, b] = edge.facets.map(|f| facing[f as usize % MOST]);
+            edges[count % MOST] = index;
             count += usize::from(a != b);
         }
         let mut first = u32::MAX;
-        for &index in &outline.edges[..count] {
+        for &index in &edges[..count] {
             let edge = &self.edges[index as usize];
-            let seen = outline.facing[edge.facets[0] as usize];
+            let seen = facing[edge.facets[0] as usize % MOST];
             let [from, to] = if seen { edge.ends } else { [edge.ends[1], edge.ends[0]] };
             // Where rounding makes the outline touch itself, there is no one outline.
             if outline.next[from as usize] != u32::MAX {
