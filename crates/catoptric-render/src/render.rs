@@ -308,9 +308,8 @@ const STRONG: u32 = 4;
 /// their first ray met. A slit or a wire is a row of them, a plain edge of usual contrast is not.
 const THIN: f32 = 2.0;
 
-/// Standard error of a pixel, relative to its displayed luminance, above which it is sampled for its own sake. What shines in less of a
-/// pixel than one of its samples stands for is then too dark, as a rule, and in few pictures right, where it was a dot many times too
-/// bright in few and missing in the others.
+/// Standard error of a pixel, relative to its displayed luminance, above which it is sampled for its own sake. That is biased: what is smaller
+/// than a sample's share of the pixel is missed in most pictures, as before, but is no longer many times too bright in the few that meet it.
 const UNCERTAIN: f32 = 0.2;
 /// Samples of such a pixel at most, for each that others may have.
 const SPARK_MORE: u32 = 16;
