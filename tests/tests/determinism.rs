@@ -54,8 +54,9 @@ fn room() -> Scene {
 fn picture(scene: &Scene, tracer: &Tracer) -> Vec<u8> {
     let solved = solve(tracer, &SolveParams::for_quality(Quality::Draft), &Silent).expect("not cancelled");
     let params = RenderParams { layers: true, ..RenderParams::for_quality(Quality::Draft, 40, 40) };
-    let pixels = DirectLight::Pixels(ShadowRays::for_quality(Quality::Draft));
-    let views = [params.clone(), RenderParams { direct: pixels, mesh: true, ..params }];
+    let rays = ShadowRays::for_quality(Quality::Draft);
+    let views = [DirectLight::Vertices, DirectLight::Auto(rays), DirectLight::Pixels(rays)]
+        .map(|direct| RenderParams { direct, mesh: direct != DirectLight::Vertices, ..params.clone() });
     let picture = |view: &RenderParams| {
         let rendered = render(tracer, &solved.solution, &scene.cameras()[0], view, &Silent);
         rendered.expect("not cancelled").image.encode_exr().expect("an image can be encoded")

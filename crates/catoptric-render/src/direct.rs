@@ -7,7 +7,7 @@
 use catoptric_light::irradiance::{Samples, Scratch};
 use catoptric_light::{Lights, Receiver};
 use catoptric_scene::Rgb;
-use catoptric_solution::Quality;
+use catoptric_solution::{Quality, Term};
 use catoptric_trace::sequence::Key;
 
 /// Where the light of sources comes from.
@@ -15,6 +15,8 @@ use catoptric_trace::sequence::Key;
 pub enum DirectLight {
     /// From the vertices of the display mesh, where pass one stored it.
     Vertices,
+    /// From the vertices, and from the sources where the mesh is too coarse for the view.
+    Auto(ShadowRays),
     /// From the sources, by shadow rays at each hit.
     Pixels(ShadowRays),
 }
@@ -40,6 +42,38 @@ impl ShadowRays {
     }
 }
 
+/// Shares of the light of sources that are evaluated at a hit. The rest is read from the mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Wanted {
+    /// Of what they send straight.
+    pub(crate) direct: f32,
+    /// Of what they send over planar mirrors.
+    pub(crate) mirrored: f32,
+    /// Direct light that arrives, by the mesh: little mirrored light beside it takes fewer rays.
+    pub(crate) known: Rgb,
+}
+
+impl Wanted {
+    /// Nothing.
+    pub(crate) const NOTHING: Self = Self { direct: 0.0, mirrored: 0.0, known: Rgb::ZERO };
+    /// All.
+    pub(crate) const ALL: Self = Self { direct: 1.0, mirrored: 1.0, known: Rgb::ZERO };
+
+    /// Whether it is nothing.
+    pub(crate) fn is_nothing(&self) -> bool {
+        self.direct <= 0.0 && self.mirrored <= 0.0
+    }
+
+    /// The share of a term.
+    pub(crate) fn of(&self, term: Term) -> f32 {
+        match term {
+            Term::Direct => self.direct,
+            Term::Mirrored => self.mirrored,
+            Term::Caustic | Term::Indirect => 0.0,
+        }
+    }
+}
+
 /// Irradiance by sources at a hit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SourceLight {
@@ -52,22 +86,31 @@ pub(crate) struct SourceLight {
 }
 
 impl SourceLight {
-    /// By about `rays` shadow rays.
+    /// What is wanted of it, by about `rays` shadow rays.
     pub(crate) fn at(
         lights: &Lights,
         receiver: &Receiver,
+        wanted: Wanted,
         rays: u32,
         key: Key,
         scratch: &mut Scratch,
     ) -> Self {
         let samples = Samples::exact(rays);
-        let direct = lights.direct(receiver, samples, key, scratch);
-        let mirrored = lights.mirrored(receiver, samples, direct.irradiance, key.child(1), scratch);
-        Self {
-            direct: direct.irradiance,
-            mirrored: mirrored.irradiance,
-            unoccluded: direct.unoccluded + mirrored.unoccluded,
-            penumbra: direct.partial || mirrored.partial,
+        let Wanted { direct, mirrored, mut known } = wanted;
+        let mut sum = Self::default();
+        if direct > 0.0 {
+            let found = lights.direct(receiver, samples, key, scratch);
+            known = found.irradiance;
+            sum.direct = found.irradiance * direct;
+            sum.unoccluded = found.unoccluded * direct;
+            sum.penumbra = found.partial;
         }
+        if mirrored > 0.0 {
+            let found = lights.mirrored(receiver, samples, known, key.child(1), scratch);
+            sum.mirrored = found.irradiance * mirrored;
+            sum.unoccluded += found.unoccluded * mirrored;
+            sum.penumbra |= found.partial;
+        }
+        sum
     }
 }

@@ -9,6 +9,7 @@ mod needs;
 mod outlines;
 pub mod pixel;
 pub mod render;
+mod resolution;
 
 pub use direct::DirectLight;
 pub use render::{RenderParams, RenderReport, Rendered, render};

@@ -5,6 +5,7 @@
 
 use glam::Vec3;
 
+use catoptric_scene::Camera;
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_solution::{DisplayMesh, Located};
 use catoptric_trace::walk::split::Seen;
@@ -19,6 +20,15 @@ pub struct Footprint {
     pub width: f32,
     /// Growth per metre of path.
     pub spread: f32,
+}
+
+impl Footprint {
+    /// That of the pixel with this corner or centre, in pictures of so many columns and rows.
+    pub fn at(camera: &Camera, (x, y): (f32, f32), (width, height): (usize, usize)) -> Self {
+        let (origin, direction) = camera.ray(x, y, width, height);
+        let (beside, other) = camera.ray(x + 1.0, y, width, height);
+        Self { width: origin.distance(beside), spread: direction.distance(other) }
+    }
 }
 
 /// What lines cover where an eye path meets a surface, times the share of the surface's light that reaches the eye.

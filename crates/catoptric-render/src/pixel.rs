@@ -12,10 +12,11 @@ use catoptric_trace::sequence::Key;
 use catoptric_trace::walk::split::{self, Seen, Sight, SplitParams};
 use catoptric_trace::{Hit, MediumStack, Ray};
 
-use crate::direct::SourceLight;
+use crate::direct::{SourceLight, Wanted};
 use crate::layers::{LightLayer, LightLayers};
 use crate::lines::{self, Footprint};
 use crate::needs::DARK;
+use crate::resolution::Resolution;
 
 /// What the eye sees first along a ray, for the data layers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -159,6 +160,8 @@ pub struct Eye<'a> {
     pub lights: &'a Lights<'a>,
     /// Irradiance.
     pub solution: &'a Solution,
+    /// Where the light of sources is to be evaluated, if that is not everywhere.
+    pub(crate) resolution: Option<&'a Resolution>,
     /// Limits.
     pub params: SplitParams,
 }
@@ -272,24 +275,31 @@ impl Eye<'_> {
                 continue;
             }
             let send = send * share;
+            let mut wanted =
+                if shadows.is_some() && self.resolution.is_none() { Wanted::ALL } else { Wanted::NOTHING };
             if let Some(at) = self.solution.mesh.locate(seen.hit.triangle, side, seen.position) {
+                if let Some(resolution) = self.resolution {
+                    let known = self.solution.irradiance(Term::Direct, &at).0;
+                    wanted = resolution.wanted(&at, known, seen);
+                }
                 for (term, layer) in [
                     (Term::Direct, LightLayer::Direct),
                     (Term::Mirrored, LightLayer::Mirrored),
                     (Term::Caustic, LightLayer::Caustic),
                     (Term::Indirect, LightLayer::Indirect),
                 ] {
-                    let stored = match (term, &shadows) {
-                        (Term::Direct | Term::Mirrored, Some(_)) => self.solution.gathered(term, &at),
-                        _ => self.solution.irradiance(term, &at),
-                    };
-                    light.add(layer, through, send * stored.0);
+                    let mut stored = self.solution.irradiance(term, &at).0;
+                    if wanted.of(term) > 0.0 {
+                        stored = stored.lerp(self.solution.gathered(term, &at).0, wanted.of(term));
+                    }
+                    light.add(layer, through, send * stored);
                 }
             }
-            if shadows.is_some() || !tracer.scene().lights().is_empty() {
+            if !wanted.is_nothing() || !tracer.scene().lights().is_empty() {
                 let mut receiver = Receiver::on(tracer, seen.hit.triangle, side, seen.hit.at);
                 receiver.position = seen.position;
                 receiver.media = seen.media;
+                let as_stored = receiver.normal;
                 let map = material.normal_texture;
                 if map.is_some() {
                     let bent = tracer.scene().bent_normal(seen.hit.triangle, seen.hit.at, map);
@@ -298,8 +308,12 @@ impl Eye<'_> {
                 let punctual = self.lights.punctual(&receiver, scratch);
                 light.add(LightLayer::Direct, through, send * punctual.direct);
                 light.add(LightLayer::Mirrored, through, send * punctual.mirrored);
-                if let Some(shadows) = shadows {
-                    let sources = shadows.cast(self.lights, &receiver, send, scratch);
+                if let Some(shadows) = shadows.as_mut().filter(|_| !wanted.is_nothing()) {
+                    // Beside what the mesh holds, bent normals would be seen as a patch.
+                    if self.resolution.is_some() {
+                        receiver.normal = as_stored;
+                    }
+                    let sources = shadows.cast(self.lights, &receiver, send, wanted, scratch);
                     light.add(LightLayer::Direct, through, send * sources.direct);
                     light.add(LightLayer::Mirrored, through, send * sources.mirrored);
                 }
@@ -333,18 +347,20 @@ impl Shadows {
         Self { rays, key, asked: 0, blocked: Rgb::ZERO, penumbra: false }
     }
 
-    /// Evaluates the sources at a hit of which the eye gets the share `send`: rays in proportion.
+    /// Evaluates what is wanted of the sources at a hit of which the eye gets the share `send`: rays in proportion.
     fn cast(
         &mut self,
         lights: &Lights,
         receiver: &Receiver,
         send: Rgb,
+        wanted: Wanted,
         scratch: &mut irradiance::Scratch,
     ) -> SourceLight {
         let share = (send.max_element() * PI).min(1.0);
         let rays = ((self.rays as f32 * share).ceil() as u32).max(1);
         self.asked += 1;
-        let found = SourceLight::at(lights, receiver, rays, self.key.child(self.asked), scratch);
+        let key = self.key.child(self.asked);
+        let found = SourceLight::at(lights, receiver, wanted, rays, key, scratch);
         self.blocked += send * (found.unoccluded - found.direct - found.mirrored);
         self.penumbra |= found.penumbra;
         found

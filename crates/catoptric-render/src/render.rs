@@ -29,6 +29,7 @@ use crate::lines::{Footprint, LAYER as LINES};
 use crate::needs::{Need, SAME, mean_luminance, needs, shown};
 use crate::outlines::{Cut, Outlines};
 use crate::pixel::{Eye, FirstHit, Sample, Scratch};
+use crate::resolution::Resolution;
 
 /// Parameters of pass two.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,12 +72,17 @@ impl RenderParams {
             Quality::Standard => (4, 256, 0.03, 4e-4),
             Quality::High => (16, 256, 0.01, 4e-4),
         };
+        // A sketch or a draft of a shadow is one.
+        let direct = match quality {
+            Quality::Sketch | Quality::Draft => DirectLight::Vertices,
+            Quality::Standard | Quality::High => DirectLight::Auto(ShadowRays::for_quality(quality)),
+        };
         Self {
             width,
             height,
             walk: SplitParams { roulette_below, ..SplitParams::default() },
             light: LightParams::default(),
-            direct: DirectLight::Vertices,
+            direct,
             seed: 0,
             edge_samples,
             most_samples,
@@ -117,7 +123,11 @@ pub fn render(
     progress: &dyn Progress,
 ) -> Result<Rendered, Cancelled> {
     let lights = Lights::new(tracer, params.light);
-    let eye = Eye { lights: &lights, solution, params: params.walk };
+    let resolution = matches!(params.direct, DirectLight::Auto(_)).then(|| {
+        let middle = (0.5 * params.width as f32, 0.5 * params.height as f32);
+        Resolution::of(solution, Footprint::at(camera, middle, (params.width, params.height)))
+    });
+    let eye = Eye { lights: &lights, solution, resolution: resolution.as_ref(), params: params.walk };
     let (width, height) = (params.width, params.height);
     let mut counts = vec![params.edge_samples.clamp(1, params.most_samples.max(1))];
     while let Some(&count) = counts.last().filter(|&&count| count < params.most_samples) {
@@ -292,10 +302,8 @@ fn shoot(
     scratch: &mut Scratch,
 ) -> Sample {
     let (origin, direction) = camera.ray(x as f32 + dx, y as f32 + dy, params.width, params.height);
-    let footprint = params.mesh.then(|| {
-        let (beside, other) = camera.ray(x as f32 + dx + 1.0, y as f32 + dy, params.width, params.height);
-        Footprint { width: origin.distance(beside), spread: direction.distance(other) }
-    });
+    let place = (x as f32 + dx, y as f32 + dy);
+    let footprint = params.mesh.then(|| Footprint::at(camera, place, (params.width, params.height)));
     eye.sample(origin + direction * camera.near, direction, footprint, shadow_rays, sample, scratch)
 }
 
@@ -399,10 +407,12 @@ fn around(index: usize, width: usize, height: usize) -> impl Iterator<Item = usi
 fn shadow_rays(params: &RenderParams, again: u32) -> Option<u32> {
     match params.direct {
         DirectLight::Vertices => None,
-        DirectLight::Pixels(ShadowRays { first, .. }) if again == 0 => Some(first),
-        // Those of several samples do not share their strata.
-        DirectLight::Pixels(ShadowRays { penumbra, .. }) if again == 1 => Some(penumbra),
-        DirectLight::Pixels(ShadowRays { penumbra, .. }) => Some((2 * penumbra / again).max(1)),
+        DirectLight::Auto(rays) | DirectLight::Pixels(rays) => Some(match again {
+            0 => rays.first,
+            1 => rays.penumbra,
+            // Those of several samples do not share their strata.
+            _ => (2 * rays.penumbra / again).max(1),
+        }),
     }
 }
 

@@ -132,9 +132,9 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_enum, value_name = "LAYERS", num_args = 0..=1, default_missing_value = "light", value_delimiter = ',')]
     pub(crate) layers: Vec<Layers>,
 
-    /// Light of area emitters on diffuse surfaces, straight and over planar mirrors: read from the mesh, or evaluated at each
-    /// pixel, slower and sharper.
-    #[arg(long, value_enum, default_value_t = Direct::Vertices)]
+    /// Light of area emitters on diffuse surfaces, straight and over planar mirrors: read from the mesh, or evaluated at
+    /// pixels, slower and sharper.
+    #[arg(long, value_enum, default_value_t = Direct::Auto)]
     pub(crate) direct: Direct,
 
     /// Exposure of PNGs in stops. Without it: chosen by the first image.
@@ -154,6 +154,8 @@ pub(crate) struct RenderArgs {
 /// Where the light of area emitters comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Direct {
+    /// From the mesh, and at the pixels where a shadow in this view is finer than the mesh. `sketch` and `draft` read the mesh.
+    Auto,
     /// From the mesh, where it is stored: any number of views cost no more shadow rays.
     Vertices,
     /// From the emitters at each pixel: shadows as sharp as they are, exact behind few triangles, with some noise in the penumbrae

@@ -182,10 +182,13 @@ fn params(args: &RenderArgs, solution: &Solution, view: &View) -> RenderParams {
     let mut params = RenderParams::for_quality(args.transport.quality.quality(), view.width, view.height);
     params.walk.max_depth = args.transport.max_depth;
     params.light = pass_one::light_of(solution);
-    params.direct = match args.direct {
-        Direct::Vertices => DirectLight::Vertices,
-        Direct::Pixels => DirectLight::Pixels(ShadowRays::for_quality(args.transport.quality.quality())),
-    };
+    match args.direct {
+        Direct::Auto => {}
+        Direct::Vertices => params.direct = DirectLight::Vertices,
+        Direct::Pixels => {
+            params.direct = DirectLight::Pixels(ShadowRays::for_quality(args.transport.quality.quality()));
+        }
+    }
     params.seed = args.transport.seed;
     params.layers = args.layers.contains(&Layers::Light);
     params.mesh = args.layers.contains(&Layers::Mesh);
@@ -206,8 +209,13 @@ fn describe(image: &mut Image, solution: &Solution, view: &View, args: &RenderAr
             attribute(format!("render.{name}"), value);
         }
     }
-    if args.direct == Direct::Pixels {
-        attribute("render.direct".to_owned(), "pixels".to_owned());
+    let direct = match args.direct {
+        Direct::Auto => None,
+        Direct::Vertices => Some("vertices"),
+        Direct::Pixels => Some("pixels"),
+    };
+    if let Some(direct) = direct {
+        attribute("render.direct".to_owned(), direct.to_owned());
     }
     if let Some(frame) = view.tag.frame {
         attribute("frame".to_owned(), frame.to_string());
