@@ -122,13 +122,17 @@ pub fn render(
     params: &RenderParams,
     progress: &dyn Progress,
 ) -> Result<Rendered, Cancelled> {
-    let lights = Lights::new(tracer, params.light);
-    let resolution = matches!(params.direct, DirectLight::Auto(_)).then(|| {
-        let middle = (0.5 * params.width as f32, 0.5 * params.height as f32);
-        Resolution::of(solution, Footprint::at(camera, middle, (params.width, params.height)))
-    });
-    let eye = Eye { lights: &lights, solution, resolution: resolution.as_ref(), params: params.walk };
     let (width, height) = (params.width, params.height);
+    let (lights, resolution) = rayon::join(
+        || Lights::new(tracer, params.light),
+        || {
+            matches!(params.direct, DirectLight::Auto(_)).then(|| {
+                let middle = (0.5 * width as f32, 0.5 * height as f32);
+                Resolution::of(solution, Footprint::at(camera, middle, (width, height)))
+            })
+        },
+    );
+    let eye = Eye { lights: &lights, solution, resolution: resolution.as_ref(), params: params.walk };
     let mut counts = vec![params.edge_samples.clamp(1, params.most_samples.max(1))];
     while let Some(&count) = counts.last().filter(|&&count| count < params.most_samples) {
         counts.push(count.saturating_mul(MORE).min(params.most_samples));

@@ -25,4 +25,4 @@ pub use ledger::Ledger;
 pub use medium::{MediumId, MediumStack};
 pub use packet::Occlusion;
 pub use plane::{PlaneId, Planes};
-pub use tracer::{Hit, Ray, Tracer};
+pub use tracer::{Accelerator, Hit, Ray, Tracer};

@@ -74,10 +74,9 @@ const MIN_FACET_AREA: f64 = 5e-6;
 /// Facets at most: receivers ask of each whether its light comes their way.
 const MAX_FACETS: usize = 512;
 
-/// The scene, ready to be asked for hits.
+/// By what hits in a scene are found: the tree, and tables of planes, media and materials.
 #[derive(Clone, Debug)]
-pub struct Tracer<'a> {
-    scene: &'a Scene,
+pub struct Accelerator {
     tree: Tree,
     planes: Planes,
     media: Media,
@@ -94,16 +93,16 @@ pub struct Tracer<'a> {
     diagonal: f32,
 }
 
-impl<'a> Tracer<'a> {
+impl Accelerator {
     /// Builds the tree and the tables.
-    pub fn new(scene: &'a Scene) -> Self {
+    pub fn new(scene: &Scene) -> Self {
         let order: Vec<u32> = (0..scene.triangles().len() as u32).collect();
         Self::with_order(scene, &order)
     }
 
     /// The same, with the triangles given to the tree builder in another order: a permutation of their ids. The
     /// tree differs, no answer does.
-    pub fn with_order(scene: &'a Scene, order: &[u32]) -> Self {
+    pub fn with_order(scene: &Scene, order: &[u32]) -> Self {
         let corners: Vec<[Vec3; 3]> = order.iter().map(|&id| scene.corners(TriangleId(id))).collect();
         let material_flags: Vec<u8> = scene
             .materials()
@@ -158,7 +157,6 @@ impl<'a> Tracer<'a> {
             .collect();
         let (center, diagonal) = crate::plane::bounds_of(scene);
         Self {
-            scene,
             tree,
             media: Media::new(scene),
             flat,
@@ -173,11 +171,36 @@ impl<'a> Tracer<'a> {
             diagonal: diagonal as f32,
         }
     }
+}
+
+/// The scene, ready to be asked for hits.
+#[derive(Clone, Debug)]
+pub struct Tracer<'a> {
+    scene: &'a Scene,
+    accelerator: Accelerator,
+}
+
+impl<'a> Tracer<'a> {
+    /// Builds the tree and the tables.
+    pub fn new(scene: &'a Scene) -> Self {
+        Self::with(scene, Accelerator::new(scene))
+    }
+
+    /// With what was built for this scene, or for one that differs from it by nothing but the sky.
+    pub fn with(scene: &'a Scene, accelerator: Accelerator) -> Self {
+        debug_assert_eq!(accelerator.lambertian.len(), scene.triangles().len(), "built for another scene");
+        Self { scene, accelerator }
+    }
+
+    /// [`Tracer::new`], with [another order](Accelerator::with_order) of triangles.
+    pub fn with_order(scene: &'a Scene, order: &[u32]) -> Self {
+        Self::with(scene, Accelerator::with_order(scene, order))
+    }
 
     /// The same, with instructions that every machine has. No answer differs.
     #[must_use]
     pub fn with_common_instructions(mut self) -> Self {
-        self.tree.level = Level::Plain;
+        self.accelerator.tree.level = Level::Plain;
         self
     }
 
@@ -190,34 +213,34 @@ impl<'a> Tracer<'a> {
     /// The planes.
     #[inline]
     pub fn planes(&self) -> &Planes {
-        &self.planes
+        &self.accelerator.planes
     }
 
     /// The media.
     #[inline]
     pub fn media(&self) -> &Media {
-        &self.media
+        &self.accelerator.media
     }
 
     /// Centre of the bounding box.
     pub fn center(&self) -> Vec3 {
-        self.center
+        self.accelerator.center
     }
 
     /// Diagonal of the bounding box, metres.
     pub fn diagonal(&self) -> f32 {
-        self.diagonal
+        self.accelerator.diagonal
     }
 
     /// Whether a triangle is plain Lambertian: no coat, mirror, transmission or alpha anywhere on it.
     #[inline]
     pub fn is_lambertian(&self, triangle: TriangleId) -> bool {
-        self.lambertian[triangle.index()]
+        self.accelerator.lambertian[triangle.index()]
     }
 
     /// Whether anything in the scene reflects or transmits specularly.
     pub fn has_specular(&self) -> bool {
-        self.specular
+        self.accelerator.specular
     }
 
     /// The plane of a flat reflector that is large enough to have images.
@@ -231,14 +254,14 @@ impl<'a> Tracer<'a> {
 
     /// Whether a plane has images.
     pub fn plane_has_images(&self, plane: PlaneId) -> bool {
-        self.flat[plane.0 as usize] == Flat::Mirror
+        self.accelerator.flat[plane.0 as usize] == Flat::Mirror
     }
 
     /// What a reflection at a triangle is, where its normal is that of the geometry.
     #[inline]
     pub fn reflection(&self, triangle: TriangleId) -> Event {
-        let plane = self.planes.of(triangle);
-        match self.flat[plane.0 as usize] {
+        let plane = self.accelerator.planes.of(triangle);
+        match self.accelerator.flat[plane.0 as usize] {
             Flat::Mirror if !self.scene.is_smooth(triangle) => Event::Planar(plane),
             Flat::Facet if !self.scene.is_smooth(triangle) => Event::Facet(plane),
             _ => Event::Curved,
@@ -247,18 +270,18 @@ impl<'a> Tracer<'a> {
 
     /// Whether something else lies on a triangle, on a side that it shows.
     pub fn is_covered(&self, triangle: TriangleId) -> bool {
-        let covered = self.overlaps.covered(triangle);
+        let covered = self.accelerator.overlaps.covered(triangle);
         covered & COVERED_FRONT != 0 || covered & COVERED_BACK != 0 && self.has_back(triangle)
     }
 
     #[inline]
     pub(crate) fn coat_averages(&self, triangle: TriangleId) -> DiffuseFresnel {
-        self.averages[self.scene.material_id_of(triangle).index()]
+        self.accelerator.averages[self.scene.material_id_of(triangle).index()]
     }
 
     #[inline]
     pub(crate) fn clearcoat_averages(&self) -> DiffuseFresnel {
-        self.clearcoat
+        self.accelerator.clearcoat
     }
 
     #[inline]
@@ -273,7 +296,7 @@ impl<'a> Tracer<'a> {
     #[inline]
     pub fn nearest(&self, ray: &Ray, limit: f32) -> Option<Hit> {
         let probe = Probe::new(ray.origin, ray.direction, [ray.from, PlaneId::NONE]);
-        let nearest = self.tree.nearest(&probe, limit, |n| self.is_solid_here(n))?;
+        let nearest = self.accelerator.tree.nearest(&probe, limit, |n| self.is_solid_here(n))?;
         if nearest.flags & if nearest.back { COVERED_BACK } else { COVERED_FRONT } != 0 {
             return Some(Hit::new(&self.on_top(ray, &nearest)));
         }
@@ -299,7 +322,8 @@ impl<'a> Tracer<'a> {
         // Heights are at least twice the area over the longest edge. Positions round by 2⁻²⁴ of the scene, a few times; neighbours turn
         // away by a few degrees.
         let longest = e.length().max(f.length()).max((c - b).length());
-        let least = OFF_EDGE * self.diagonal * longest / e.cross(f).length().max(f32::MIN_POSITIVE);
+        let least =
+            OFF_EDGE * self.accelerator.diagonal * longest / e.cross(f).length().max(f32::MIN_POSITIVE);
         let least = least.min(AT_EDGE);
         if nearest >= least {
             return position;
@@ -315,7 +339,7 @@ impl<'a> Tracer<'a> {
         // Planes are one within 1e-6 of the scene's reach: along the ray that is longer by 1/cosθ.
         let normal = self.scene.geometric_normal(TriangleId(nearest.id));
         let slope = ray.direction.dot(normal).abs().max(1e-4 * ray.direction.length());
-        let reach = self.center.abs().max_element() + self.diagonal;
+        let reach = self.accelerator.center.abs().max_element() + self.accelerator.diagonal;
         let slack = nearest.t * 1e-6 + reach * 4e-6 / slope;
         // A short ray meets few boxes.
         let start = (nearest.t - slack).max(0.0);
@@ -323,11 +347,15 @@ impl<'a> Tracer<'a> {
         let rank = |n: &Nearest| {
             let id = TriangleId(n.id);
             let shows = !n.back || self.has_back(id);
-            (!shows, self.overlaps.rank(id), n.id)
+            (!shows, self.accelerator.overlaps.rank(id), n.id)
         };
-        let on_top = self.tree.opaque_in_plane(&probe, nearest.t - start + slack, nearest.plane, rank, |n| {
-            self.is_solid_here(n)
-        });
+        let on_top = self.accelerator.tree.opaque_in_plane(
+            &probe,
+            nearest.t - start + slack,
+            nearest.plane,
+            rank,
+            |n| self.is_solid_here(n),
+        );
         on_top.map_or(*nearest, |n| Nearest { t: nearest.t, ..n })
     }
 
@@ -337,7 +365,7 @@ impl<'a> Tracer<'a> {
     pub fn visibility(&self, origin: Vec3, from: PlaneId, target: Vec3, to: PlaneId) -> Rgb {
         let direction = target - origin;
         let probe = Probe::new(origin, direction, [from, to]);
-        match self.tree.occlusion(&probe, 1.0, |n| self.is_solid_here(n)) {
+        match self.accelerator.tree.occlusion(&probe, 1.0, |n| self.is_solid_here(n)) {
             Occlusion::Blocked => Rgb::ZERO,
             Occlusion::Free => Rgb::ONE,
             Occlusion::Passing => self.undeviated(origin, from, direction, 1.0, to),
@@ -355,7 +383,7 @@ impl<'a> Tracer<'a> {
             if triangles.contains(&hit.triangle.0) {
                 return share;
             }
-            if !self.passes_anything {
+            if !self.accelerator.passes_anything {
                 return Rgb::ZERO;
             }
             share *= self.straight_through(unit, &hit);
@@ -363,7 +391,7 @@ impl<'a> Tracer<'a> {
                 return Rgb::ZERO;
             }
             ray.origin += direction * hit.t;
-            ray.from = self.planes.of(hit.triangle);
+            ray.from = self.accelerator.planes.of(hit.triangle);
         }
         Rgb::ZERO
     }
@@ -371,12 +399,12 @@ impl<'a> Tracer<'a> {
     /// Finds what may be in the way in a pyramid; `false` if that is more than `most` triangles. On the safe side: nothing else
     /// is, for certain.
     pub fn suspects_in(&self, pyramid: &Pyramid, most: usize, suspects: &mut Suspects) -> bool {
-        self.tree.suspects_in(pyramid, most, suspects)
+        self.accelerator.tree.suspects_in(pyramid, most, suspects)
     }
 
     /// The triangles that are suspected.
     pub fn suspected<'s>(&'s self, suspects: &'s Suspects) -> impl Iterator<Item = Suspect> + 's {
-        suspects.triangles(&self.tree)
+        suspects.triangles(&self.accelerator.tree)
     }
 
     /// [`visibility`](Self::visibility) where nothing but what is suspected can be in the way.
@@ -391,7 +419,7 @@ impl<'a> Tracer<'a> {
     ) -> Rgb {
         let direction = target - origin;
         let probe = Probe::new(origin, direction, [from, to]);
-        match self.tree.occlusion_among(suspects, &probe, 1.0, |n| self.is_solid_here(n)) {
+        match self.accelerator.tree.occlusion_among(suspects, &probe, 1.0, |n| self.is_solid_here(n)) {
             Occlusion::Blocked => Rgb::ZERO,
             Occlusion::Free => Rgb::ONE,
             Occlusion::Passing => self.undeviated(origin, from, direction, 1.0, to),
@@ -409,14 +437,14 @@ impl<'a> Tracer<'a> {
         limit: f32,
     ) -> Occlusion {
         let probe = Probe::new(origin, direction, [from, PlaneId::NONE]);
-        self.tree.occlusion_among(suspects, &probe, limit, |n| self.is_solid_here(n))
+        self.accelerator.tree.occlusion_among(suspects, &probe, limit, |n| self.is_solid_here(n))
     }
 
     /// Share of light that gets straight from `origin` out of the scene along `direction`.
     #[inline]
     pub fn visibility_to_infinity(&self, origin: Vec3, from: PlaneId, direction: Vec3) -> Rgb {
         let probe = Probe::new(origin, direction, [from, PlaneId::NONE]);
-        match self.tree.occlusion(&probe, f32::INFINITY, |n| self.is_solid_here(n)) {
+        match self.accelerator.tree.occlusion(&probe, f32::INFINITY, |n| self.is_solid_here(n)) {
             Occlusion::Blocked => Rgb::ZERO,
             Occlusion::Free => Rgb::ONE,
             Occlusion::Passing => self.undeviated(origin, from, direction, f32::INFINITY, PlaneId::NONE),
@@ -425,7 +453,7 @@ impl<'a> Tracer<'a> {
 
     /// Whether shadow rays may meet things that let a part pass.
     pub fn passes_anything(&self) -> bool {
-        self.passes_anything
+        self.accelerator.passes_anything
     }
 
     /// Follows a segment through everything that lets light pass undeviated.
@@ -442,7 +470,8 @@ impl<'a> Tracer<'a> {
         let unit = direction.normalize_or_zero();
         for _ in 0..MAX_LAYERS {
             let probe = Probe::new(origin, direction, [from, to]);
-            let Some(nearest) = self.tree.nearest(&probe, remaining, |n| self.is_solid_here(n)) else {
+            let Some(nearest) = self.accelerator.tree.nearest(&probe, remaining, |n| self.is_solid_here(n))
+            else {
                 return share;
             };
             if nearest.t >= remaining {
@@ -455,7 +484,7 @@ impl<'a> Tracer<'a> {
             }
             origin += direction * hit.t;
             remaining -= hit.t;
-            from = self.planes.of(hit.triangle);
+            from = self.accelerator.planes.of(hit.triangle);
         }
         Rgb::ZERO
     }

@@ -7,6 +7,7 @@ use catoptric_scene::gltf::{AnimatedCameras, Asset, LoadError, LoadOptions, Load
 use catoptric_scene::{Photometry, Radiance, Scene, SceneHash, Sky, SkyImage};
 use catoptric_solution::Solution;
 use catoptric_solution::file::{self, Saved};
+use catoptric_trace::Accelerator;
 
 use crate::failure::{Failure, did_you_mean};
 use crate::value::{LightFile, SkySource};
@@ -20,6 +21,8 @@ pub(crate) struct Input {
     pub(crate) cameras: AnimatedCameras,
     /// Light that was computed before.
     pub(crate) solution: Option<Solution>,
+    /// The scene's, if it was built while the light was read.
+    pub(crate) accelerator: Option<Accelerator>,
     /// What was read in another way than its author may have meant.
     pub(crate) warnings: Vec<String>,
 }
@@ -51,15 +54,22 @@ impl Input {
         let photometry = photometry.iter().map(read_photometry).collect::<Result<_, Failure>>()?;
         let options = LoadOptions { photometry, ..LoadOptions::default() };
         let open = || open(path, |path| load(path, &options));
-        let (loaded, saved, light_file) = match light {
+        let (loaded, saved, light_file, accelerator) = match light {
             Light::New | Light::Own => {
                 let loaded = open()?;
                 let saved = saved(&loaded.asset, path)?;
-                (loaded, saved, path)
+                (loaded, saved, path, None)
             }
             Light::Beside(beside) => {
-                let (loaded, saved) = rayon::join(open, || saved_beside(path, beside));
-                (loaded?, Some(saved?), beside)
+                let with_accelerator = || {
+                    open().map(|loaded| {
+                        let accelerator = Accelerator::new(&loaded.scene);
+                        (loaded, accelerator)
+                    })
+                };
+                let (loaded, saved) = rayon::join(with_accelerator, || saved_beside(path, beside));
+                let (loaded, accelerator) = loaded?;
+                (loaded, Some(saved?), beside, Some(accelerator))
             }
         };
         let Loaded { scene, asset, cameras, warnings } = loaded;
@@ -82,7 +92,7 @@ impl Input {
         if let Some(solution) = &solution {
             check_hash(solution, hash, &scene, path, light_file)?;
         }
-        Ok(Self { scene, hash, asset, cameras, solution, warnings })
+        Ok(Self { scene, hash, asset, cameras, solution, accelerator, warnings })
     }
 }
 

@@ -8,7 +8,7 @@ use catoptric_render::direct::{DirectLight, ShadowRays};
 use catoptric_render::{RenderParams, Rendered, render};
 use catoptric_scene::{Camera, Progress};
 use catoptric_solution::Solution;
-use catoptric_trace::Tracer;
+use catoptric_trace::{Accelerator, Tracer};
 
 use crate::args::{Direct, Layers, RenderArgs};
 use crate::failure::{Failure, did_you_mean};
@@ -51,7 +51,8 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
 
     // Light once.
     reporter.begin_deaf("tree");
-    let tracer = Tracer::new(&input.scene);
+    let accelerator = input.accelerator.unwrap_or_else(|| Accelerator::new(&input.scene));
+    let tracer = Tracer::with(&input.scene, accelerator);
     let (solution, solve_report) = match input.solution {
         Some(solution) => (solution, None),
         None => {
