@@ -1,6 +1,6 @@
 //! Shadows that are cut out of sources, against their brute force.
 
-use catoptric_light::irradiance::Scratch;
+use catoptric_light::irradiance::{Samples, Scratch};
 use catoptric_light::{LightParams, Lights, Receiver};
 use catoptric_scene::{
     AlphaMode, Barycentric, Material, Radiance, Rgb, Scene, SceneParts, Side, Transmission, TriangleId,
@@ -259,5 +259,38 @@ fn mirrors_lie_on_each_other_once_and_cards_on_mirrors() {
             let expected = by_grid_in_silver(lights, receiver, |at| !has_card || at.z < 0.0);
             Answer { found: mean, expected, open: f64::from(found[0].unoccluded.x) }
         });
+    }
+}
+
+/// A lamp behind a card, a hundred times as bright as a window that is seen at a grazing angle past a bar: the window is all the light.
+#[test]
+fn where_the_brightest_is_hidden_the_rest_is_as_exact() {
+    let mut parts = SceneParts::default();
+    let glowing = |strength: f32| Material::emitter("glowing", Radiance(Rgb::splat(strength)));
+    let (bright, dim) = (parts.add_material(glowing(1000.0)), parts.add_material(glowing(10.0)));
+    let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+    parts.add_quad("lamp", bright, Vec3::new(-0.2, 2.0, -0.2), Vec3::X * 0.4, Vec3::Z * 0.4);
+    parts.add_quad("card", white, Vec3::new(-0.3, 1.9, -0.3), Vec3::X * 0.6, Vec3::Z * 0.6);
+    parts.add_quad("window", dim, Vec3::new(-1.0, -0.5, -1.5), Vec3::X * 2.0, Vec3::Y * 0.8);
+    parts.add_quad("bar", white, Vec3::new(-0.1, -0.5, -1.4), Vec3::X * 0.2, Vec3::Y * 0.8);
+    parts.add_quad("floor", white, Vec3::new(-1.0, 0.0, 1.0), Vec3::X * 2.0, Vec3::Z * -2.0);
+    let scene = Scene::new(parts).expect("a valid scene");
+    let tracer = Tracer::new(&scene);
+    let lights = Lights::new(&tracer, LightParams::default());
+    let last = TriangleId(scene.triangles().len() as u32 - 1);
+    let receiver = Receiver::on(&tracer, last, Side::Front, Barycentric { u: 0.4, v: 0.3 });
+    let mut scratch = Scratch::default();
+    let mut ask = |samples: Samples, key: u64| {
+        let found = lights.direct(&receiver, samples, Key::new(5, Purpose::Test, key), &mut scratch);
+        (f64::from(found.irradiance.x), f64::from(found.unoccluded.x))
+    };
+    // Nothing cut out: all rays. Their stratified shares are off by about n^(−3/4), 7e-4.
+    let (expected, open) = ask(Samples { count: 1 << 14, calm: false, shadows: 0 }, 0);
+    assert!(expected > 0.01 && open > 50.0 * expected, "{expected} of {open}");
+    for samples in [Samples::from(16), Samples::exact(8)] {
+        for key in 1..9 {
+            let (found, _) = ask(samples, key);
+            assert!((found / expected - 1.0).abs() < 3e-3, "{samples:?}: {found}, expected {expected}");
+        }
     }
 }

@@ -70,6 +70,8 @@ pub struct Lights<'a> {
 #[derive(Debug, Default)]
 pub struct Scratch {
     found: Found,
+    /// What is seen of sources by what it would send, and their numbers.
+    order: Vec<(f64, u32)>,
     seeker: Seeker,
     texels: Vec<(u32, f32)>,
     fan: Vec<f64>,
@@ -141,6 +143,8 @@ pub struct Samples {
 const SHADOWS_PER_SAMPLE: u32 = 3;
 /// Sources that would send less than this share of all light have no shadows cut out: their noise is as small.
 const MINOR: f64 = 0.05;
+/// Where less than one in so many of what may arrive does, what else may is worth more samples: as if that were all, times this.
+const HIDDEN: f64 = 4.0;
 /// Bounds what one receiver costs.
 const MAX_SHADOWS: u32 = 384;
 
@@ -320,43 +324,52 @@ impl<'a> Lights<'a> {
             let mut leftover = 0.0;
             let targets = (found.pieces.len() + found.lamps.len()) as u32;
             let each = shadows.div_ceil(targets.max(2));
-            let minor = MINOR * (whole + known);
-            let budget = |count: u32, weight: f64| Budget {
-                count: count.clamp(LOOK, samples.max(LOOK)).next_power_of_two(),
-                calm,
-                shadows: if weight < minor { 0 } else { each },
-            };
-            for (index, piece) in found.pieces.iter().enumerate() {
-                let expected = piece.weight * share;
-                if found.shares(expected) {
-                    leftover += piece.weight;
+            // The brightest first: where these are hidden, what is left is all the light, and worth their samples.
+            let mut order = std::mem::take(&mut scratch.order);
+            order.clear();
+            order.extend(found.pieces.iter().zip(0..).map(|(piece, index)| (piece.weight, index)));
+            order.extend(found.lamps.iter().zip(LAMPS..).map(|(part, index)| (part.weight, index)));
+            order.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+            // What arrives, as far as is known by now, and what else may.
+            let mut all = whole + known;
+            let worth = |all: f64| (HIDDEN * all).min(whole + known);
+            for &(weight, index) in &order {
+                let part = index.checked_sub(LAMPS).map(|lamp| &found.lamps[lamp as usize]);
+                if part.is_none_or(|part| part.is_flat) && found.shares(weight * share) {
+                    leftover += weight;
                     continue;
                 }
-                let target = Target::piece(piece, &self.emitters);
-                let (budget, key) = (budget(expected.round() as u32, piece.weight), key.child(index as u32));
-                result.irradiance += self.strata(at, &target, budget, key, scratch, &mut tally);
-                result.unoccluded += target.irradiance();
-                tally.next_target();
-            }
-            for (index, part) in found.lamps.iter().enumerate() {
-                let expected = part.weight * share;
-                if part.is_flat && found.shares(expected) {
-                    leftover += part.weight;
-                    continue;
-                }
-                let target = Target::lamp(part, &found.corners, &self.emitters);
-                let budget = match expected.ceil() as u32 {
-                    ..2 if !found.is_few() => Budget { count: 1, calm, shadows: 0 },
-                    count => budget(count, part.weight),
+                let worth = worth(all).max(weight);
+                let due = f64::from(samples) * weight / worth;
+                let budget = |count: u32| Budget {
+                    count: count.clamp(LOOK, samples.max(LOOK)).next_power_of_two(),
+                    calm,
+                    shadows: if weight < MINOR * worth { 0 } else { each },
                 };
-                let key = key.child(LAMPS + index as u32);
-                result.irradiance += self.strata(at, &target, budget, key, scratch, &mut tally);
+                let (target, budget) = match part {
+                    None => {
+                        let piece = &found.pieces[index as usize];
+                        (Target::piece(piece, &self.emitters), budget(due.round() as u32))
+                    }
+                    Some(part) => {
+                        let budget = match due.ceil() as u32 {
+                            ..2 if !found.is_few() => Budget { count: 1, calm, shadows: 0 },
+                            count => budget(count),
+                        };
+                        (Target::lamp(part, &found.corners, &self.emitters), budget)
+                    }
+                };
+                let sent = self.strata(at, &target, budget, key.child(index), scratch, &mut tally);
+                result.irradiance += sent;
                 result.unoccluded += target.irradiance();
                 tally.next_target();
+                all = all - weight + f64::from(sent.element_sum());
             }
+            scratch.order = order;
             let total = leftover + found.groups();
             if total > 0.0 {
                 tally.mixed();
+                let share = f64::from(samples) / worth(all).max(total);
                 let part = self.shared(at, &found, (total, share, shared), key, scratch, &mut tally);
                 result.irradiance += part.irradiance;
                 result.unoccluded += part.unoccluded;
