@@ -434,26 +434,44 @@ impl Draft {
             if !wanted.contains(&true) {
                 return before..self.vertices.len() as u32;
             }
-            let mut leaves = Vec::with_capacity(self.leaves.len() * 2);
-            for (leaf, wanted) in std::mem::take(&mut self.leaves).into_iter().zip(wanted) {
-                if !wanted {
-                    leaves.push(leaf);
-                    continue;
-                }
+            let mut parts: Vec<[Leaf; 4]> = Vec::new();
+            for index in (0..wanted.len()).filter(|&index| wanted[index]) {
+                let leaf = self.leaves[index];
                 let [a, b, c] = leaf.vertices;
                 let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(p, q)| {
                     self.marked.insert(edge(p, q));
                     self.midpoint(tracer, p, q)
                 });
                 self.touch(&mut touched, &[a, b, c, ab, bc, ca]);
-                for vertices in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
-                    if self.faces[leaf.face as usize].curved {
-                        self.note_edges(leaf.face, vertices);
-                    }
-                    leaves.push(Leaf { vertices, level: leaf.level + 1, ..leaf });
+                let corners = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]];
+                if self.faces[leaf.face as usize].curved {
+                    corners.iter().for_each(|&vertices| self.note_edges(leaf.face, vertices));
+                }
+                parts.push(corners.map(|vertices| Leaf { vertices, level: leaf.level + 1, ..leaf }));
+            }
+            self.replace(&wanted, &parts);
+        }
+    }
+
+    /// Puts parts in the places of leaves, in order: from the back, in the same memory, for few of many are split.
+    fn replace(&mut self, is_split: &[bool], parts: &[[Leaf; 4]]) {
+        let Some(&[any, ..]) = parts.first() else { return };
+        self.leaves.resize(is_split.len() + 3 * parts.len(), any);
+        let (mut to, mut from) = (self.leaves.len(), is_split.len());
+        let mut parts = parts.iter().rev();
+        // Those before the first that is split stay where they are.
+        while to > from {
+            from -= 1;
+            match is_split[from].then(|| parts.next()).flatten() {
+                Some(parts) => {
+                    to -= 4;
+                    self.leaves[to..to + 4].copy_from_slice(parts);
+                }
+                None => {
+                    to -= 1;
+                    self.leaves[to] = self.leaves[from];
                 }
             }
-            self.leaves = leaves;
         }
     }
 
