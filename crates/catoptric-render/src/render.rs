@@ -72,7 +72,7 @@ impl RenderParams {
             Quality::Standard => (4, 256, 0.03, 4e-4),
             Quality::High => (16, 256, 0.01, 4e-4),
         };
-        // A sketch or a draft of a shadow is one.
+        // In a sketch or a draft it is enough to see where shadows fall.
         let direct = match quality {
             Quality::Sketch | Quality::Draft => DirectLight::Vertices,
             Quality::Standard | Quality::High => DirectLight::Auto(ShadowRays::for_quality(quality)),

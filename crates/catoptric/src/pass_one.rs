@@ -31,6 +31,11 @@ pub(crate) fn is_plain(solution: &Solution) -> bool {
     solution.settings.get("plain").is_some_and(|plain| plain == "true")
 }
 
+/// Whether a solution shows patches, as the first radiosity pictures did.
+pub(crate) fn is_classical(solution: &Solution) -> bool {
+    solution.settings.contains_key("reconstruct")
+}
+
 /// How a solve is watched, and where it starts.
 #[derive(Debug, Default)]
 pub(crate) struct Watch {

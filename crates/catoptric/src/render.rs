@@ -184,8 +184,8 @@ fn params(args: &RenderArgs, solution: &Solution, view: &View) -> RenderParams {
     params.walk.max_depth = args.transport.max_depth;
     params.light = pass_one::light_of(solution);
     match args.direct {
-        Direct::Auto => {}
-        Direct::Vertices => params.direct = DirectLight::Vertices,
+        Direct::Auto if !pass_one::is_classical(solution) => {}
+        Direct::Auto | Direct::Vertices => params.direct = DirectLight::Vertices,
         Direct::Pixels => {
             params.direct = DirectLight::Pixels(ShadowRays::for_quality(args.transport.quality.quality()));
         }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use catoptric_image::write_bytes_atomically;
 use catoptric_radiosity::Solved;
 use catoptric_radiosity::frames::Frames;
+use catoptric_render::direct::DirectLight;
 use catoptric_render::{RenderParams, render};
 use catoptric_scene::{Progress, Rgb};
 use catoptric_solution::file;
@@ -112,6 +113,8 @@ fn snapshots(
     params.walk.max_depth = args.transport.max_depth;
     params.light = pass_one::light(&args.transport);
     params.seed = args.transport.seed;
+    // What has arrived by then is in the mesh.
+    params.direct = DirectLight::Vertices;
     let mut outputs = Outputs::new(Some(&folder.join("step.png")), None, &[], None)?;
     let mut written = Vec::new();
     for frame in frames.frames().iter().rev() {

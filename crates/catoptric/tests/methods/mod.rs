@@ -250,8 +250,9 @@ fn the_classical_pictures_are_made_by_name() {
     let bench = Bench::new();
     let room = scene("cornell_box");
     let render = |more: &[&str]| {
-        let common = ["render", &room, "-o", "out.pfm", "--quality", "draft", "--size", "48", "--json"];
-        let run = bench.run(&[&common, more].concat());
+        let common = ["render", &room, "-o", "out.pfm", "--size", "48", "--json"];
+        let quality: &[&str] = if more.contains(&"--quality") { &[] } else { &["--quality", "draft"] };
+        let run = bench.run(&[&common, quality, more].concat());
         assert_eq!(run.code, 0, "{}", run.stderr);
         let report: Value = serde_json::from_str(&run.stdout).expect("JSON");
         (fs::read(bench.path("out.pfm")).expect("it was written"), report)
@@ -270,6 +271,13 @@ fn the_classical_pictures_are_made_by_name() {
         assert!(!pictures.contains(&picture), "{word} shows what another rule shows");
         pictures.push(picture);
     }
+    // They show patches, at any quality: nothing is evaluated beside them unless it is asked for.
+    let classical = |direct: &[&str]| {
+        render(&[&["--reconstruct", "averaged", "--quality", "standard"], direct].concat()).0
+    };
+    let shown = classical(&[]);
+    assert!(shown == classical(&["--direct", "vertices"]));
+    assert!(shown != classical(&["--direct", "pixels"]));
 }
 
 #[test]
