@@ -279,8 +279,9 @@ impl Eye<'_> {
                 if shadows.is_some() && self.resolution.is_none() { Wanted::ALL } else { Wanted::NOTHING };
             if let Some(at) = self.solution.mesh.locate(seen.hit.triangle, side, seen.position) {
                 if let Some(resolution) = self.resolution {
-                    let known = self.solution.irradiance(Term::Direct, &at).0;
-                    wanted = resolution.wanted(&at, known, seen);
+                    let stored =
+                        [Term::Direct, Term::Mirrored].map(|term| self.solution.irradiance(term, &at).0);
+                    wanted = resolution.wanted(&at, stored, seen);
                 }
                 for (term, layer) in [
                     (Term::Direct, LightLayer::Direct),

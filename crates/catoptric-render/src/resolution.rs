@@ -4,6 +4,8 @@
 //! misses is measured by how much its gradient differs from element to element, and how far that goes, in pixels: where that is too
 //! much, the light is evaluated at the pixel, by the function that pass one had it from.
 
+use std::f32::consts::PI;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -60,11 +62,16 @@ impl Resolution {
         Self { blurred: blurred(mesh, &light), pixel }
     }
 
-    /// What is to be evaluated at a place, where the mesh holds so much direct light.
+    /// What is to be evaluated at a place, where the mesh holds so much direct and mirrored light.
     #[inline]
-    pub(crate) fn wanted(&self, at: &Located, known: Rgb, seen: &Seen) -> Wanted {
+    pub(crate) fn wanted(&self, at: &Located, [known, mirrored]: [Rgb; 2], seen: &Seen) -> Wanted {
         let corners = at.vertices.map(|v| self.blurred[v as usize]);
         if corners == [[0.0; 2]; 3] || seen.throughput.max_element() < FAINT {
+            return Wanted::NOTHING;
+        }
+        // What glows shows no shadows.
+        let most = (known + mirrored).dot(LUMINANCE) * (seen.interaction.receives / PI);
+        if most < LEAST_BEND * seen.interaction.emission.0.dot(LUMINANCE) {
             return Wanted::NOTHING;
         }
         let pixel = self.pixel.width + self.pixel.spread * seen.distance;
