@@ -22,6 +22,9 @@ CROPS = {
     'mirror_light_shaft': [('a partition, lit from one side', 64, 44), ('a ball on the floor', 80, 170), ('a box in thrown light', 118, 178)],
     'two_mirrors': [('thrown light on the floor', 96, 110), ('a box on the floor', 44, 130), ('a ball on the floor', 120, 136)],
 }
+# Seen closer than the mesh: left, upper, right and lower edge in a picture of showcase CLOSE pixels wide.
+CLOSE, EXPOSURE = 1024, '2.5'
+CLOSE_CROPS = [('the shadows of two legs of the table', 200, 520, 400, 683), ('the shadow of a third, and a stool', 560, 480, 820, 683)]
 
 
 def read_png(path):
@@ -77,6 +80,27 @@ def write_png(path, rows):
                 + chunk(b'IDAT', zlib.compress(raw, 9)) + chunk(b'IEND', b''))
 
 
+def close_ups(program, folder, pictures, quality, keep):
+    """a section of the page: light of lamps read from the mesh, and evaluated where a view is finer than it"""
+    scene, solved = os.path.join(ROOT, 'scenes', 'showcase.glb'), os.path.join(folder, 'showcase.glb')
+    rows = []
+    for direct in 'vertices', 'auto':
+        view = os.path.join(folder, f'showcase_{direct}.png')
+        if not (keep and os.path.exists(view)):
+            if not rows:
+                subprocess.check_call([program, 'solve', scene, '-o', solved, '--quality', quality, '--quiet'])
+            subprocess.check_call([program, 'render', scene, '--solution', solved, '--direct', direct, '-o', view, '--size', str(CLOSE), '--exposure', EXPOSURE, '--quality', quality, '--quiet'])
+        rows.append(read_png(view)[2])
+    page = ['', '## Closer than the mesh', '', f'showcase, {CLOSE} pixels wide, twice enlarged: left `--direct vertices`, right the default, `--direct auto`.']
+    for number, (what, left, top, right, bottom) in enumerate(CLOSE_CROPS, 1):
+        both = [a[3 * left:3 * right] + b'\xff' * 12 + b[3 * left:3 * right] for a, b in zip(rows[0][top:bottom], rows[1][top:bottom])]
+        name = f'close_{number}.png'
+        write_png(os.path.join(pictures, name), enlarged(both, 2))
+        what = what[0].upper() + what[1:]
+        page += ['', f'{what}:', '', f'![{what}: from the mesh, evaluated](images/gallery/{name})']
+    return page
+
+
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument('--quality', default='standard')
@@ -103,6 +127,7 @@ def main():
             write_png(os.path.join(pictures, name), enlarged(rows, ZOOM))
             what = what[0].upper() + what[1:]
             page += ['', f'{what}:', '', f'![{what}: ours, reference, difference](images/gallery/{name})']
+    page += close_ups(program, folder, pictures, a.quality, a.keep)
     with open(os.path.join(ROOT, 'docs', 'gallery.md'), 'w') as f:
         f.write('\n'.join(page) + '\n')
     sizes = [os.path.getsize(os.path.join(pictures, name)) for name in os.listdir(pictures)]
