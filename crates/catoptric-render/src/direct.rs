@@ -86,16 +86,15 @@ pub(crate) struct SourceLight {
 }
 
 impl SourceLight {
-    /// What is wanted of it, by about `rays` shadow rays.
+    /// What is wanted of it, by about so many shadow rays.
     pub(crate) fn at(
         lights: &Lights,
         receiver: &Receiver,
         wanted: Wanted,
-        rays: u32,
+        samples: Samples,
         key: Key,
         scratch: &mut Scratch,
     ) -> Self {
-        let samples = Samples::exact(rays);
         let Wanted { direct, mirrored, mut known } = wanted;
         let mut sum = Self::default();
         if direct > 0.0 {

@@ -4,6 +4,7 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
 
+use catoptric_light::irradiance::Samples;
 use catoptric_light::{Lights, Receiver, irradiance};
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_scene::{Rgb, Scene};
@@ -174,7 +175,7 @@ impl Eye<'_> {
         origin: Vec3,
         direction: Vec3,
         footprint: Option<Footprint>,
-        shadow_rays: Option<u32>,
+        shadow_rays: Option<Samples>,
         (key, index): (Key, u32),
         scratch: &mut Scratch,
     ) -> Sample {
@@ -335,7 +336,7 @@ const SHADOWS: u32 = 1 << 16;
 /// Shadow rays of a sample, and what they found.
 #[derive(Clone, Copy, Debug)]
 struct Shadows {
-    rays: u32,
+    rays: Samples,
     key: Key,
     asked: u32,
     /// Radiance that is missing because something blocks it.
@@ -344,7 +345,7 @@ struct Shadows {
 }
 
 impl Shadows {
-    fn new(rays: u32, key: Key) -> Self {
+    fn new(rays: Samples, key: Key) -> Self {
         Self { rays, key, asked: 0, blocked: Rgb::ZERO, penumbra: false }
     }
 
@@ -358,7 +359,8 @@ impl Shadows {
         scratch: &mut irradiance::Scratch,
     ) -> SourceLight {
         let share = (send.max_element() * PI).min(1.0);
-        let rays = ((self.rays as f32 * share).ceil() as u32).max(1);
+        let count = ((self.rays.count as f32 * share).ceil() as u32).max(1);
+        let rays = Samples { count, ..self.rays };
         self.asked += 1;
         let key = self.key.child(self.asked);
         let found = SourceLight::at(lights, receiver, wanted, rays, key, scratch);

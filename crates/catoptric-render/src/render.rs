@@ -15,6 +15,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use catoptric_image::Image;
+use catoptric_light::irradiance::Samples;
 use catoptric_light::{LightParams, Lights};
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_scene::{Camera, Cancelled, Progress, Rgb, Scene};
@@ -301,7 +302,7 @@ fn shoot(
     params: &RenderParams,
     (x, y): (usize, usize),
     (dx, dy): (f32, f32),
-    shadow_rays: Option<u32>,
+    shadow_rays: Option<Samples>,
     sample: (Key, u32),
     scratch: &mut Scratch,
 ) -> Sample {
@@ -408,14 +409,14 @@ fn around(index: usize, width: usize, height: usize) -> impl Iterator<Item = usi
 }
 
 /// Shadow rays of a sample: the first one of a pixel (`again` = 0), or one of so many that are taken again.
-fn shadow_rays(params: &RenderParams, again: u32) -> Option<u32> {
+fn shadow_rays(params: &RenderParams, again: u32) -> Option<Samples> {
     match params.direct {
         DirectLight::Vertices => None,
         DirectLight::Auto(rays) | DirectLight::Pixels(rays) => Some(match again {
-            0 => rays.first,
-            1 => rays.penumbra,
-            // Those of several samples do not share their strata.
-            _ => (2 * rays.penumbra / again).max(1),
+            0 => Samples::exact(rays.first),
+            1 => Samples::exact(rays.penumbra),
+            // Those of several samples do not share their strata. Their mean hides the noise of what is not cut out.
+            _ => Samples::from((2 * rays.penumbra / again).max(1)),
         }),
     }
 }
