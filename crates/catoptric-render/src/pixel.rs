@@ -290,11 +290,17 @@ impl Eye<'_> {
                     (Term::Caustic, LightLayer::Caustic),
                     (Term::Indirect, LightLayer::Indirect),
                 ] {
-                    let mut stored = self.solution.irradiance(term, &at).0;
-                    if wanted.of(term) > 0.0 {
-                        stored = stored.lerp(self.solution.gathered(term, &at).0, wanted.of(term));
-                    }
-                    light.add(layer, through, send * stored);
+                    let share = wanted.of(term);
+                    let stored = || self.solution.irradiance(term, &at).0;
+                    let beside = || self.solution.gathered(term, &at).0;
+                    let read = if share <= 0.0 {
+                        stored()
+                    } else if share >= 1.0 {
+                        beside()
+                    } else {
+                        stored().lerp(beside(), share)
+                    };
+                    light.add(layer, through, send * read);
                 }
             }
             if !wanted.is_nothing() || !tracer.scene().lights().is_empty() {
