@@ -143,7 +143,8 @@ pub struct Samples {
 const SHADOWS_PER_SAMPLE: u32 = 3;
 /// Sources that would send less than this share of all light have no shadows cut out: their noise is as small.
 const MINOR: f64 = 0.05;
-/// Where less than one in so many of what may arrive does, what else may is worth more samples: as if that were all, times this.
+/// Samples are shared out as if no more could arrive than so many times what does, as far as is known by then: where the brightest is
+/// hidden, the rest gets more.
 const HIDDEN: f64 = 4.0;
 /// Bounds what one receiver costs.
 const MAX_SHADOWS: u32 = 384;
