@@ -10,7 +10,7 @@ use catoptric_scene::{Scene, TriangleId};
 use catoptric_trace::BoxTree;
 use catoptric_trace::plane::bounds_of;
 
-use crate::face::FaceDraft;
+use crate::face::{FaceDraft, Frame};
 use crate::triangulate::{Points, outline};
 use crate::union::Union;
 
@@ -27,6 +27,16 @@ pub struct Contact {
     /// Light differs on its two sides. Not so behind what hangs higher before the face than a share of its own size: shadow sets in
     /// there, and goes on.
     pub parts: bool,
+    /// Where something flat and upright stands on the face: the way from the line to what it darkens, unit length in the plane of the
+    /// face times the height of the lowest, metres. Zero elsewhere.
+    pub foot: DVec2,
+}
+
+impl Contact {
+    /// A line on which something touches that does not stand upright.
+    fn touching(segment: Segment) -> Self {
+        Self { segment, gap: 0.0, parts: true, foot: DVec2::ZERO }
+    }
 }
 
 /// All triangles of a scene, to be asked which are near a face.
@@ -135,7 +145,8 @@ impl Obstacles {
             let flat = heights.iter().all(|h| h.abs() <= tolerance);
             if flat {
                 for k in 0..3 {
-                    segments.push([frame.flat(corners[k]), frame.flat(corners[(k + 1) % 3])], 0.0, true);
+                    segments
+                        .push(Contact::touching([corners[k], corners[(k + 1) % 3]].map(|p| frame.flat(p))));
                 }
             } else if rises && is_parallel(&corners, &heights, gap, tolerance, side) {
                 let [a, b, c] = corners.map(|c| frame.flat(c));
@@ -143,20 +154,23 @@ impl Obstacles {
                 hanging[turned]
                     .push(([a, b, c], heights.iter().map(|h| h * side).fold(f64::INFINITY, f64::min)));
             } else if rises && let Some(segment) = crossing(&corners, &heights, tolerance) {
-                segments.push(segment.map(|p| frame.flat(p)), 0.0, true);
+                let touching = Contact::touching(segment.map(|p| frame.flat(p)));
+                let foot = if scene.is_smooth(id) { DVec2::ZERO } else { foot(&corners, frame, side) };
+                segments.push(Contact { foot, ..touching });
             }
         }
         for plate in hanging.iter().flat_map(|triangles| plates(triangles, tolerance)) {
             let size = area(&plate.triangles).sqrt();
             let parts = plate.height < (SOFT * size).max(finest);
             for segment in outline(&plate.triangles, tolerance) {
-                segments.push(segment, plate.height, parts);
+                segments.push(Contact { gap: plate.height, parts, ..Contact::touching(segment) });
             }
         }
         let touching = segments.list.len();
         for edge in feet.standing() {
             let gap = edge.map(|p| frame.height(p) * side);
-            segments.push(edge.map(|p| frame.flat(p)), gap[0].max(gap[1]).max(0.0), true);
+            let gap = gap[0].max(gap[1]).max(0.0);
+            segments.push(Contact { gap, ..Contact::touching(edge.map(|p| frame.flat(p))) });
         }
         // What lies on the face, piece by piece.
         let level = |p: DVec2| p.extend(0.0);
@@ -165,11 +179,11 @@ impl Obstacles {
         );
         let mut clipped = Distinct::new(tolerance);
         let mut sure = 0;
-        for (index, &Contact { segment, gap, parts }) in segments.list.iter().enumerate() {
-            let [a, b] = segment;
+        for (index, contact) in segments.list.iter().enumerate() {
+            let [a, b] = contact.segment;
             for piece in pieces.overlapping(level(a.min(b)) - tolerance, level(a.max(b)) + tolerance) {
-                if let Some(part) = clip(&segment, &own[piece as usize], tolerance) {
-                    clipped.push(part, gap, parts);
+                if let Some(part) = clip(&contact.segment, &own[piece as usize], tolerance) {
+                    clipped.push(Contact { segment: part, ..*contact });
                 }
             }
             let is_crowded = clipped.list.len() > limit;
@@ -239,6 +253,17 @@ pub(crate) fn gaps_at(points: &[DVec2], contacts: &[Contact], tolerance: f64) ->
     };
     points.iter().map(gap).collect()
 }
+
+/// [`Contact::foot`] of a triangle that stands on a face, if it is upright; it darkens what it shows its front to.
+fn foot(corners: &[DVec3; 3], frame: &Frame, side: f64) -> DVec2 {
+    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+    let along = frame.flat(frame.origin + normal) - frame.flat(frame.origin);
+    let height = corners.iter().map(|&c| frame.height(c) * side).fold(0.0, f64::max);
+    if along.length() < UPRIGHT { DVec2::ZERO } else { along.normalize_or_zero() * height }
+}
+
+/// Sine of the angle at which something stands on a face, at least, that counts as upright.
+const UPRIGHT: f64 = 0.9;
 
 /// What hangs parallel before a face nearer than this share of the edge length leaves its outline there.
 const HANGING: f64 = 0.2;
@@ -369,19 +394,23 @@ impl Distinct {
         Self { points: Points::new(tolerance), known: BTreeMap::new(), list: Vec::new() }
     }
 
-    /// Adds a segment, or lowers the gap of the one that is there.
-    fn push(&mut self, segment: Segment, gap: f64, parts: bool) {
-        let [a, b] = segment.map(|p| self.points.id(p));
+    /// Adds a segment, or lowers the gap, and the height, of the one that is there.
+    fn push(&mut self, contact: Contact) {
+        let [a, b] = contact.segment.map(|p| self.points.id(p));
         if a == b {
             return;
         }
         let index = *self.known.entry((a.min(b), a.max(b))).or_insert(self.list.len());
         match self.list.get_mut(index) {
             Some(known) => {
-                known.gap = known.gap.min(gap);
-                known.parts |= parts;
+                known.gap = known.gap.min(contact.gap);
+                known.parts |= contact.parts;
+                let lower = contact.foot.length_squared() < known.foot.length_squared();
+                if contact.foot != DVec2::ZERO && (known.foot == DVec2::ZERO || lower) {
+                    known.foot = contact.foot;
+                }
             }
-            None => self.list.push(Contact { segment, gap, parts }),
+            None => self.list.push(contact),
         }
     }
 }
@@ -500,6 +529,33 @@ mod tests {
         assert!(on_floor(ball).is_empty());
     }
 
+    /// A box that stands on the floor darkens what its sides face; what leans on it like a roof does not stand, nor do the facets of a
+    /// ball.
+    #[test]
+    fn what_stands_upright_has_a_foot() {
+        let height = 0.04_f32;
+        let lines = on_floor(|p, m| {
+            p.add_box("box", m, Vec3::new(1.0, 0.0, 1.0), Vec3::new(2.0, height, 3.0), false);
+        });
+        let standing: Vec<&Contact> = lines.iter().filter(|c| c.foot != DVec2::ZERO).collect();
+        assert!(!standing.is_empty());
+        let center = DVec2::ZERO
+            + lines.iter().map(|c| 0.5 * (c.segment[0] + c.segment[1])).sum::<DVec2>() / lines.len() as f64;
+        for contact in standing {
+            assert!((contact.foot.length() - f64::from(height)).abs() < 1e-6, "{contact:?}");
+            // Away from the box, square to its side.
+            let [a, b] = contact.segment;
+            assert!(contact.foot.dot(b - a).abs() < 1e-6, "{contact:?}");
+            assert!(contact.foot.dot(0.5 * (a + b) - center) > 0.0, "{contact:?} from {center}");
+        }
+        let roof = on_floor(|p, m| {
+            p.add_quad("roof", m, Vec3::new(1.0, 0.0, 1.0), Vec3::Z, Vec3::new(1.0, 1.0, 0.0));
+        });
+        assert!(!roof.is_empty() && roof.iter().all(|c| c.foot == DVec2::ZERO), "{roof:?}");
+        let ball = on_floor(|p, m| p.add_sphere("ball", m, Vec3::new(2.0, 0.1, 2.0), 0.3, 24));
+        assert!(ball.iter().all(|c| c.foot == DVec2::ZERO), "{ball:?}");
+    }
+
     /// 2 cm before the floor, a plate of a metre parts the light; one of 12 cm is seen past, and the dark behind it comes and goes.
     #[test]
     fn what_hangs_high_for_its_size_parts_nothing() {
@@ -554,9 +610,9 @@ mod tests {
     #[test]
     fn points_on_contact_lines_know_the_smallest_gap() {
         let line =
-            |y: f64, gap| Contact { segment: [DVec2::new(0.0, y), DVec2::new(1.0, y)], gap, parts: true };
+            |y: f64, gap| Contact { gap, ..Contact::touching([DVec2::new(0.0, y), DVec2::new(1.0, y)]) };
         let upright =
-            Contact { segment: [DVec2::new(1.0, 0.0), DVec2::new(1.0, 1.0)], gap: 0.02, parts: true };
+            Contact { gap: 0.02, ..Contact::touching([DVec2::new(1.0, 0.0), DVec2::new(1.0, 1.0)]) };
         // What parts nothing has no say.
         let soft = Contact { gap: 0.001, parts: false, ..line(0.0, 0.0) };
         let contacts = [line(0.0, 0.01), line(1.0, 0.0), upright, soft];

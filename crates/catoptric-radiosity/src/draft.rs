@@ -113,17 +113,19 @@ pub struct Draft {
     /// A place on the own side of each edge that lies on a contact line of a curved mesh, whole or halved.
     pub(crate) beside_lines: FxHashMap<(u32, u32), Vec3>,
     marked: FxHashSet<(u32, u32)>,
-    /// Where shadow sets in behind what hangs before a face.
+    /// Where the dark behind what hangs before a face sets in, or that beside what stands on it ends.
     pub(crate) soft_edges: Vec<SoftEdge>,
 }
 
-/// The outline, on a face, of what hangs before it so high that shadow sets in gradually.
+/// The outline, on a face, of what hangs before it so high that shadow sets in gradually, or of what stands on it and is low.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SoftEdge {
     pub(crate) face: u32,
     pub(crate) ends: [Vec3; 2],
-    /// Of what hangs there, metres.
+    /// Of what hangs or stands there, metres.
     pub(crate) height: f32,
+    /// Unit vector to the side that is darkened, if one is.
+    pub(crate) away: Option<Vec3>,
 }
 
 /// Long thin triangles of curved meshes are bisected down to this multiple of the spacing.
@@ -192,7 +194,18 @@ impl Draft {
             let frame = &drafts[face as usize].frame;
             for contact in contacts.iter().filter(|c| !c.parts) {
                 let ends = contact.segment.map(|p| frame.lift(p).as_vec3());
-                draft.soft_edges.push(SoftEdge { face, ends, height: contact.gap as f32 });
+                draft.soft_edges.push(SoftEdge { face, ends, height: contact.gap as f32, away: None });
+            }
+            // What stands lower than that is as narrow as elements can be; what is higher, they follow by themselves.
+            let heights = finest..0.5 * spacing;
+            for contact in contacts.iter().filter(|c| c.foot != DVec2::ZERO) {
+                let ends = contact.segment.map(|p| frame.lift(p).as_vec3());
+                let foot = (frame.lift(contact.foot) - frame.lift(DVec2::ZERO)).as_vec3();
+                let height = foot.length().max(heights.start);
+                if heights.contains(&height) {
+                    let away = Some(foot.normalize_or_zero());
+                    draft.soft_edges.push(SoftEdge { face, ends, height, away });
+                }
             }
         }
         let cuts = cuts(scene, &drafts, obstacles, spacing_in_f64);

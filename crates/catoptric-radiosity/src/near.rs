@@ -214,7 +214,7 @@ impl Near {
 /// Points along a soft edge, at most.
 const MOST_ALONG: f32 = 64.0;
 
-/// Details on both sides of the outline of what hangs before a face, as small as it hangs high.
+/// Details beside the outline of what hangs before a face, on both sides, or stands on it, as small as it is high.
 fn soft<'a>(
     tracer: &'a Tracer,
     draft: &'a Draft,
@@ -226,8 +226,12 @@ fn soft<'a>(
     let face = &draft.faces[edge.face as usize];
     let normal = face.side.orient(face.frame.normal.as_vec3());
     let across = normal.cross(b - a).normalize_or_zero() * (0.5 * edge.height);
+    let across = edge.away.map_or(across, |away| away * across.length());
     (0..=2 * parts + 1).filter_map(move |index| {
         let (part, way) = (index / 2, if index % 2 == 0 { across } else { -across });
+        if index % 2 == 1 && edge.away.is_some() {
+            return None;
+        }
         let position = a.lerp(b, part as f32 / parts as f32) + way;
         let above = 0.5 * edge.height;
         let hit = tracer.nearest(&Ray::free(position + normal * above, -normal), 1.5 * above)?;
@@ -327,6 +331,48 @@ mod tests {
         places.dedup();
         assert_eq!(places.len(), draft.vertices.len());
         assert!(draft.vertices.iter().any(|v| v.position.distance(high) < 1e-5), "a vertex at its corner");
+    }
+
+    /// A batten of 4 cm on a wall, as the frame of a mirror is: the dark at its foot is as narrow all along it, not just where its own
+    /// vertices look; half-discs of dark would show where they do not.
+    #[test]
+    fn a_wall_is_as_fine_all_along_the_foot_of_what_is_low() {
+        let (height, spacing) = (0.04_f32, 0.4);
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        let corner = Vec3::new(-2.0, 0.0, 2.0);
+        parts.add_quad("wall", white, corner, Vec3::X * 4.0, Vec3::Z * -4.0);
+        // Both long sides, and the top.
+        let (low, high) = (Vec3::new(-0.9, 0.0, 0.1), Vec3::new(0.9, 0.0, 0.03));
+        let along = Vec3::X * 1.8;
+        parts.add_quad("side", white, low, along, Vec3::Y * height);
+        parts.add_quad("other side", white, high, -along, Vec3::Y * height);
+        parts.add_quad("top", white, low + Vec3::Y * height, along, Vec3::Z * -0.07);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let lattice = Lattice::even(spacing);
+        let params =
+            NearParams { ratio: 1.2, rounds: 0, detail_rounds: 4, detail_share: 9.0, max_details: 5000 };
+        let finest = params.finest(spacing);
+        let mut draft = Draft::on(&tracer, &Obstacles::new(&scene), faces(&tracer), &lattice, finest);
+        let near = Near::new(&tracer, &draft, &draft.display(&tracer), spacing, 0);
+        near.refine(&tracer, &mut draft, &params, &lattice, 0);
+        let corners = |leaf: &crate::draft::Leaf| leaf.vertices.map(|v| draft.vertices[v as usize].position);
+        let longest_at = |place: Vec3| {
+            let on_wall = |c: &[Vec3; 3]| c.iter().all(|p| p.y == 0.0) && is_inside(place, *c);
+            let [a, b, c] = draft.leaves.iter().map(corners).find(on_wall).expect("the wall has no hole");
+            (b - a).length().max((c - b).length()).max((a - c).length())
+        };
+        for step in 0..60 {
+            let x = -0.88 + 1.76 * step as f32 / 59.0;
+            for z in [low.z + 0.5 * height, high.z - 0.5 * height] {
+                let longest = longest_at(Vec3::new(x, 0.0, z));
+                // Triangles that hold a detail are halved until edges are 1.2 times its size. Details lie `height` apart; between two of them
+                // there may be the half of one that is twice as large.
+                assert!(longest < 2.0 * 1.2 * height + 1e-4, "{longest} at {x}, {z}");
+            }
+        }
+        assert!(longest_at(Vec3::new(0.0, 0.0, 1.0)) > 0.5 * spacing);
     }
 
     #[test]

@@ -94,13 +94,13 @@ impl SolveParams {
             Quality::Sketch => (0, 0, 0.0, 0),
             // A twentieth of a draft's time for a thirtieth of its error.
             Quality::Draft => (1, 2, 0.2, 0),
-            Quality::Standard => (1, 4, 0.7, 4),
+            Quality::Standard => (1, 4, 1.0, 4),
             Quality::High => (2, 5, 0.7, 4),
         };
         let (max_vertices, tolerance, blur, shadow_rays, inside_rounds) = match quality {
             Quality::Sketch => (4_000, 0.06, 0.04, 8, 0),
             Quality::Draft => (8_000, 0.06, 0.06, 16, 0),
-            Quality::Standard => (20_000, 0.02, 0.03, 32, 1),
+            Quality::Standard => (20_000, 0.03, 0.03, 32, 1),
             Quality::High => (30_000, 0.008, 0.015, 64, 2),
         };
         // The last rounds cost a sketch a tenth of its time and change its errors by 2 %.
@@ -213,7 +213,7 @@ const GATHER_CELL: f32 = 0.125;
 /// Triangles of the author that hold light, for each that walls are cut into.
 const OWN_PER_TRIANGLE: usize = 40;
 /// Triangles that details may add, per triangle of the budget, at most.
-const DETAILS_PER_TRIANGLE: usize = 18;
+const DETAILS_PER_TRIANGLE: usize = 26;
 /// … and light on near surfaces.
 const NEAR_LIGHT_PER_TRIANGLE: usize = 40;
 /// Most vertices that shadows may add in large scenes, as a multiple of the budget.
