@@ -206,14 +206,23 @@ pub fn render(
         })?;
         ends = missed;
     }
-    for count in counts.windows(2) {
-        let (known, more) = (count[0], count[1]);
-        let noisy = beside_noise(&pixels, width, known, params.noise, exposure);
-        for_some(&mut pixels, width, &noisy, progress, |at, pixel, scratch| {
-            resample(at, known..more, pixel, scratch);
+    // What finds noise may be more samples of a pixel whose neighbours had stopped at few.
+    let most = counts[counts.len() - 1];
+    let mut open: Vec<usize> = (0..pixels.len()).filter(|&i| pixels[i].samples > 0).collect();
+    while !open.is_empty() {
+        open.retain(|&i| {
+            pixels[i].samples < most && is_beside_noise(&pixels, width, i, params.noise, exposure)
+        });
+        for_some(&mut pixels, width, &open, progress, |at, pixel, scratch| {
+            let known = pixel.samples;
+            resample(at, known..known.saturating_mul(MORE).min(most), pixel, scratch);
         })?;
-        progress.advance((width * height).div_ceil(JOB) as u64);
+        let near = |&i: &usize| around(i, width, height).chain([i]).collect::<Vec<_>>();
+        open = open.iter().flat_map(near).filter(|&i| pixels[i].samples > 0).collect();
+        open.sort_unstable();
+        open.dedup();
     }
+    progress.advance(((counts.len() - 1) * (width * height).div_ceil(JOB)) as u64);
     // One sample in hundreds that met a spark is a bright dot: those pixels are sampled until they are certain.
     let most = params.most_samples.saturating_mul(SPARK_MORE);
     loop {
@@ -389,15 +398,11 @@ fn resample(
     pixel.lines /= count;
 }
 
-/// Pixels on an edge of so many samples that stand beside noisy ones. Their own noise has no say: those whose samples
+/// Whether a pixel on an edge stands beside one that is noisy for as many samples. Its own noise has no say: those whose samples
 /// missed what is bright would keep them, and the picture would be too dark.
-fn beside_noise(pixels: &[Sample], width: usize, samples: u32, noise: f32, exposure: f32) -> Vec<usize> {
-    let height = pixels.len() / width.max(1);
-    let limit = noise * samples as f32;
-    let is_noisy = |index: usize| pixels[index].deviation(exposure) > limit;
-    (0..pixels.len())
-        .filter(|&i| pixels[i].samples == samples && around(i, width, height).any(is_noisy))
-        .collect()
+fn is_beside_noise(pixels: &[Sample], width: usize, index: usize, noise: f32, exposure: f32) -> bool {
+    let limit = noise * pixels[index].samples as f32;
+    around(index, width, pixels.len() / width.max(1)).any(|i| pixels[i].deviation(exposure) > limit)
 }
 
 /// The neighbours of a pixel, by index.
