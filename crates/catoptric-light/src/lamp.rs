@@ -214,6 +214,11 @@ impl Lamp {
         }
     }
 
+    /// Centre and radius of a ball around it, metres.
+    pub fn ball(&self) -> (DVec3, f64) {
+        (self.center, self.radius)
+    }
+
     /// Finds the outline from `eye`, above the horizon of its unit normal `geometric` at least in part. What faces the eye
     /// and lies in the plane `hidden` is not seen at all, and nothing of the lamp is then an outline.
     pub fn outline(&self, eye: DVec3, geometric: DVec3, hidden: PlaneId, outline: &mut Outline) -> Sight {

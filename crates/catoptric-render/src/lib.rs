@@ -2,6 +2,7 @@
 //!
 //! Does not know form factor methods or solvers.
 
+mod bundles;
 pub mod direct;
 pub mod layers;
 pub mod lines;

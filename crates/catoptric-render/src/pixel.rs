@@ -13,6 +13,7 @@ use catoptric_trace::sequence::Key;
 use catoptric_trace::walk::split::{self, Seen, Sight, SplitParams};
 use catoptric_trace::{Hit, MediumStack, Ray};
 
+use crate::bundles::Legs;
 use crate::direct::{SourceLight, Wanted};
 use crate::layers::{LightLayer, LightLayers};
 use crate::lines::{self, Footprint};
@@ -153,6 +154,8 @@ const STEPS: [(i64, i64); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1
 pub struct Scratch {
     light: irradiance::Scratch,
     waiting: split::Waiting,
+    /// Of the last sample.
+    pub(crate) legs: Legs,
 }
 
 /// What a view needs.
@@ -185,6 +188,7 @@ impl Eye<'_> {
         let mut shadows = shadow_rays.map(|rays| Shadows::new(rays, key.child(index).child(SHADOWS)));
         let mut lines = 0.0;
         let mut first = None;
+        scratch.legs = Legs::default();
         let (mut trail, mut rim) = (0x811c_9dc5_u32, 0);
         split::trace(
             tracer,
@@ -195,7 +199,8 @@ impl Eye<'_> {
             &mut scratch.waiting,
             |hit| first = Some(*hit),
             |sight| match sight {
-                Sight::Sky { direction, throughput, events } => {
+                Sight::Sky { origin, direction, throughput, events } => {
+                    scratch.legs.note(origin, direction, throughput.dot(LUMINANCE), events);
                     if throughput.max_element() > FAINT {
                         trail = step(trail, 0, events);
                     }
@@ -218,6 +223,8 @@ impl Eye<'_> {
                             rim = step(rim, facet, seen.events);
                         }
                     }
+                    let origin = seen.position - seen.direction * seen.hit.t;
+                    scratch.legs.note(origin, seen.direction, seen.throughput.dot(LUMINANCE), seen.events);
                     self.see(&seen, &mut light, &mut shadows, &mut scratch.light);
                     if let Some(footprint) = footprint {
                         lines += lines::coverage(&self.solution.mesh, &seen, footprint);

@@ -63,6 +63,8 @@ pub enum Sight<'a> {
     Surface(Seen<'a>),
     /// Out of the scene.
     Sky {
+        /// Where it left from.
+        origin: Vec3,
         /// Direction.
         direction: Vec3,
         /// Throughput.
@@ -167,8 +169,8 @@ fn follow(
     loop {
         let goes_on = 'event: {
             let Some(hit) = tracer.nearest(&path.ray, f32::INFINITY) else {
-                let Open { ray: Ray { direction, .. }, throughput, events, .. } = path;
-                see(Sight::Sky { direction, throughput, events });
+                let Open { ray: Ray { origin, direction, .. }, throughput, events, .. } = path;
+                see(Sight::Sky { origin, direction, throughput, events });
                 break 'event false;
             };
             path.distance += hit.t;
