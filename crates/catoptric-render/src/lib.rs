@@ -8,6 +8,7 @@ pub mod layers;
 pub mod lines;
 mod needs;
 mod outlines;
+mod penumbrae;
 pub mod pixel;
 pub mod render;
 mod resolution;

@@ -6,6 +6,7 @@ use catoptric_scene::Rgb;
 use catoptric_scene::quantity::LUMINANCE;
 
 use crate::pixel::Sample;
+use crate::render::around;
 
 /// What a pixel is sampled again for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,6 +25,9 @@ pub(crate) enum Need {
 /// noise of few shadow rays.
 const SHARP: f32 = 5.0;
 
+/// … and differences up to so many of their deviations are chance.
+const CHANCE: f32 = 3.0;
+
 /// Times the contrast from which a few samples are too few to begin with: most pixels beside a bright edge would miss what
 /// is bright.
 const STRONG: f32 = 4.0;
@@ -41,38 +45,97 @@ struct Look {
     trail: u32,
     rim: u32,
     penumbra: bool,
+    /// Variance of the tone by shadow rays.
+    grain: f32,
 }
 
 /// Share of the mean luminance of a picture that is added to luminances where they are compared: differences count as they
 /// are seen, relative in the light, absolute in the dark.
 pub(crate) const DARK: f32 = 0.1;
 
-/// The need of every pixel; `contrast` is the difference of displayed luminance that calls for samples, `same` that which does on a border,
-/// `exposure` the mean luminance.
-pub(crate) fn needs(
-    pixels: &[Sample],
+/// The pixels of a picture, as they are compared with their neighbours.
+pub(crate) struct Compared {
+    looks: Vec<Look>,
     width: usize,
-    height: usize,
+    /// Difference of displayed luminance that calls for samples, …
     contrast: f32,
+    /// … and that which does on a border.
     same: f32,
+    /// Mean luminance of the picture.
     exposure: f32,
-) -> Vec<Need> {
-    let shown = |light| shown(light, exposure);
-    let looks: Vec<Look> = pixels
-        .par_iter()
-        .with_min_len(1024)
-        .map(|p| {
-            let beauty = p.light.beauty();
-            let tone = shown(beauty);
-            let open = if p.open == beauty { tone } else { shown(p.open) };
-            Look { tone, open, trail: p.trail, rim: p.rim, penumbra: p.penumbra }
-        })
-        .collect();
-    (0..width * height)
-        .into_par_iter()
-        .with_min_len(1024)
-        .map(|i| need(&looks, width, height, i % width, i / width, contrast, same))
-        .collect()
+}
+
+impl Compared {
+    pub(crate) fn new(pixels: &[Sample], width: usize, contrast: f32, same: f32, exposure: f32) -> Self {
+        let look = |pixel: &Sample| Look::of(pixel, exposure);
+        let looks = pixels.par_iter().with_min_len(1024).map(look).collect();
+        Self { looks, width, contrast, same, exposure }
+    }
+
+    /// The need of every pixel.
+    pub(crate) fn needs(&self) -> Vec<Need> {
+        (0..self.looks.len()).into_par_iter().with_min_len(1024).map(|i| self.need(i)).collect()
+    }
+
+    /// The needs after some pixels have changed.
+    pub(crate) fn update(&mut self, pixels: &[Sample], changed: &[usize], needs: &mut [Need]) {
+        for &index in changed {
+            self.looks[index] = Look::of(&pixels[index], self.exposure);
+        }
+        let height = self.looks.len() / self.width.max(1);
+        for &index in changed {
+            for index in around(index, self.width, height).chain([index]) {
+                needs[index] = self.need(index);
+            }
+        }
+    }
+
+    fn need(&self, index: usize) -> Need {
+        let Self { looks, width, contrast, same, .. } = self;
+        let own = looks[index];
+        let beside = || around(index, *width, looks.len() / width).map(|i| looks[i]);
+        let mut need = if own.penumbra { Need::Shadows } else { Need::Nothing };
+        // Few rays may see no difference between two: all around tell how grainy it is. Two tones differ by √2 of one's deviation.
+        let grain = if own.penumbra {
+            let add = |(sum, count): (f32, f32), look: Look| (sum + look.grain, count + 1.0);
+            let (sum, count) = beside().filter(|look| look.penumbra).fold((own.grain, 1.0), add);
+            (2.0 * sum / count).sqrt()
+        } else {
+            0.0
+        };
+        for other in beside() {
+            let difference = (other.tone - own.tone).abs().max_element();
+            let is_edge = if own.penumbra || other.penumbra {
+                if need == Need::Nothing {
+                    need = Need::Shadows;
+                }
+                difference > (SHARP * contrast).max(CHANCE * grain)
+                    || (other.open - own.open).abs().max_element() > *contrast
+            } else {
+                difference > *contrast
+            };
+            let is_rim = other.rim != own.rim;
+            let is_border = other.trail != own.trail && (difference >= *same || is_rim);
+            if is_edge || is_border {
+                // By few samples the dark of a rim, thinner than a pixel, is a dot here and there.
+                if is_edge && difference > STRONG * contrast || is_rim {
+                    return Need::Samples;
+                }
+                need = Need::FewSamples;
+            }
+        }
+        need
+    }
+}
+
+impl Look {
+    fn of(pixel: &Sample, exposure: f32) -> Self {
+        let beauty = pixel.light.beauty();
+        let tone = shown(beauty, exposure);
+        let open = if pixel.open == beauty { tone } else { shown(pixel.open, exposure) };
+        let grain = pixel.grain / (beauty.dot(LUMINANCE) + DARK * exposure).powi(2);
+        Self { tone, open, trail: pixel.trail, rim: pixel.rim, penumbra: pixel.penumbra, grain }
+    }
 }
 
 /// Light as it is displayed, in natural logarithms, where `exposure` is the mean luminance of the picture.
@@ -86,44 +149,13 @@ pub(crate) fn mean_luminance(pixels: &[Sample]) -> f32 {
     ((sum / pixels.len().max(1) as f64) as f32).max(1e-30)
 }
 
-fn need(looks: &[Look], width: usize, height: usize, x: usize, y: usize, contrast: f32, same: f32) -> Need {
-    let own = looks[y * width + x];
-    let mut need = if own.penumbra { Need::Shadows } else { Need::Nothing };
-    for (dx, dy) in [(-1_i64, 0_i64), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)] {
-        let (nx, ny) = (x as i64 + dx, y as i64 + dy);
-        if nx < 0 || ny < 0 || nx >= width as i64 || ny >= height as i64 {
-            continue;
-        }
-        let other = looks[ny as usize * width + nx as usize];
-        let difference = (other.tone - own.tone).abs().max_element();
-        let is_edge = if own.penumbra || other.penumbra {
-            if need == Need::Nothing {
-                need = Need::Shadows;
-            }
-            difference > SHARP * contrast || (other.open - own.open).abs().max_element() > contrast
-        } else {
-            difference > contrast
-        };
-        let is_rim = other.rim != own.rim;
-        let is_border = other.trail != own.trail && (difference >= same || is_rim);
-        if is_edge || is_border {
-            // By few samples the dark of a rim, thinner than a pixel, is a dot here and there.
-            if is_edge && difference > STRONG * contrast || is_rim {
-                return Need::Samples;
-            }
-            need = Need::FewSamples;
-        }
-    }
-    need
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     /// Two pixels of the same brightness that met other things.
     fn beside(left: Sample, right: Sample) -> Vec<Need> {
-        needs(&[left, right], 2, 1, 0.05, SAME * 0.05, 1.0)
+        Compared::new(&[left, right], 2, 0.05, SAME * 0.05, 1.0).needs()
     }
 
     #[test]

@@ -60,6 +60,8 @@ pub struct Sample {
     pub open: Rgb,
     /// Some of these rays were blocked and some were not.
     pub penumbra: bool,
+    /// Variance of its luminance by these rays, as far as one difference tells.
+    pub grain: f32,
     /// Share of the pixel that lines along the edges of the display mesh cover, if they were asked for.
     pub lines: f32,
     /// Samples on a grid of its own that a pixel is made of; none if it is the ray through its centre.
@@ -87,6 +89,7 @@ impl Sample {
         light: LightLayers::DARK,
         open: Rgb::ZERO,
         penumbra: false,
+        grain: 0.0,
         lines: 0.0,
         samples: 0,
         squares: 0.0,
@@ -233,11 +236,12 @@ impl Eye<'_> {
             },
         );
         let blocked = shadows.as_ref().map_or(Rgb::ZERO, |s| s.blocked);
-        let penumbra = shadows.is_some_and(|s| s.penumbra);
+        let (penumbra, grain) = shadows.map_or((false, 0.0), |s| (s.penumbra, s.grain));
         Sample {
             open: light.beauty() + blocked,
             light,
             penumbra,
+            grain,
             lines,
             samples: 0,
             squares: 0.0,
@@ -286,7 +290,7 @@ impl Eye<'_> {
             let mut wanted =
                 if shadows.is_some() && self.resolution.is_none() { Wanted::ALL } else { Wanted::NOTHING };
             if let Some(at) = self.solution.mesh.locate(seen.hit.triangle, side, seen.position) {
-                if let Some(resolution) = self.resolution {
+                if let Some(resolution) = self.resolution.filter(|_| shadows.is_some()) {
                     let stored =
                         [Term::Direct, Term::Mirrored].map(|term| self.solution.irradiance(term, &at).0);
                     wanted = resolution.wanted(&at, stored, seen);
@@ -355,11 +359,13 @@ struct Shadows {
     /// Radiance that is missing because something blocks it.
     blocked: Rgb,
     penumbra: bool,
+    /// Variance of the luminance found.
+    grain: f32,
 }
 
 impl Shadows {
     fn new(rays: Samples, key: Key) -> Self {
-        Self { rays, key, asked: 0, blocked: Rgb::ZERO, penumbra: false }
+        Self { rays, key, asked: 0, blocked: Rgb::ZERO, penumbra: false, grain: 0.0 }
     }
 
     /// Evaluates what is wanted of the sources at a hit of which the eye gets the share `send`: rays in proportion.
@@ -379,6 +385,7 @@ impl Shadows {
         let found = SourceLight::at(lights, receiver, wanted, rays, key, scratch);
         self.blocked += send * (found.unoccluded - found.direct - found.mirrored);
         self.penumbra |= found.penumbra;
+        self.grain += (0.5 * (send * found.split).dot(LUMINANCE)).powi(2);
         found
     }
 }

@@ -28,8 +28,9 @@ use crate::bundles::{Legs, Sources};
 use crate::direct::{DirectLight, ShadowRays};
 use crate::layers::{LightLayers, NAMES};
 use crate::lines::{Footprint, LAYER as LINES};
-use crate::needs::{DARK, Need, SAME, mean_luminance, needs, shown};
+use crate::needs::{Compared, DARK, Need, SAME, mean_luminance, shown};
 use crate::outlines::{Cut, Outlines, Thin};
+use crate::penumbrae::Penumbrae;
 use crate::pixel::{Eye, FirstHit, Sample, Scratch};
 use crate::resolution::Resolution;
 
@@ -178,7 +179,22 @@ pub fn render(
     let strong = counts[0].saturating_mul(STRONG).min(counts[counts.len() - 1]);
     let exposure = mean_luminance(&pixels);
     let same = if params.layers { 0.0 } else { SAME * params.contrast };
-    let mut needs = needs(&pixels, width, height, params.contrast, same, exposure);
+    let mut compared = Compared::new(&pixels, width, params.contrast, same, exposure);
+    let mut needs = compared.needs();
+    // Few rays in a penumbra may differ as much as an edge does: more of them come first.
+    let mut penumbrae = Penumbrae::new(pixels.len());
+    for _ in 0..LOOKS {
+        let is_uncertain = |&i: &usize| penumbrae.is_uncertain(&pixels, width, i, needs[i]);
+        let uncertain: Vec<usize> = (0..pixels.len()).filter(is_uncertain).collect();
+        if uncertain.is_empty() || params.direct == DirectLight::Vertices {
+            break;
+        }
+        let of = (width, exposure);
+        penumbrae.look(&mut pixels, of, &uncertain, params.direct, progress, |at, rays, scratch| {
+            shoot(&eye, camera, params, at, (0.5, 0.5), rays, (again(params, at), 0), scratch)
+        })?;
+        compared.update(&pixels, &uncertain, &mut needs);
+    }
     let outlines = Outlines::new(&lights, camera, (width, height));
     for thin in outlines.thin() {
         if pixels[thin.pixel].light.emission().dot(LUMINANCE) < 0.5 * thin.luminance {
@@ -192,16 +208,12 @@ pub fn render(
         }
     }
     let resample = |at: (usize, usize), fresh: Range<u32>, pixel: &mut Sample, scratch: &mut Scratch| {
-        let cut = outlines.cut(at.1 * width + at.0);
-        resample(&eye, camera, params, (cut, exposure), at, fresh, pixel, scratch);
+        let index = at.1 * width + at.0;
+        let rays = shadow_rays(params, fresh.end).filter(|_| penumbrae.read[index] < 0.5);
+        resample(&eye, camera, params, (outlines.cut(index), exposure), rays, at, fresh, pixel, scratch);
     };
     for_pixels(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
-        Need::Nothing => {}
-        Need::Shadows => {
-            let sample = (again(params, at), 0);
-            pixel.light =
-                shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 1), sample, scratch).light;
-        }
+        Need::Nothing | Need::Shadows => {}
         Need::FewSamples => resample(at, 0..counts[0], pixel, scratch),
         Need::Samples => resample(at, 0..strong, pixel, scratch),
     })?;
@@ -254,8 +266,8 @@ pub fn render(
     }
     let edge_samples: u64 = pixels.iter().map(|p| u64::from(p.samples)).sum();
 
-    let is_shadow = |(need, pixel): &(&Need, &Sample)| **need == Need::Shadows && pixel.samples == 0;
-    let penumbra_pixels = needs.iter().zip(&pixels).filter(is_shadow).count() as u64;
+    let is_shadow = |(looked, pixel): &(&bool, &Sample)| **looked && pixel.samples == 0;
+    let penumbra_pixels = penumbrae.looked.iter().zip(&pixels).filter(is_shadow).count() as u64;
     let edges = pixels.iter().filter(|p| p.samples > 0).count() as u64;
     let report = RenderReport {
         samples: (width * height) as u64 + edge_samples + penumbra_pixels,
@@ -294,7 +306,7 @@ fn for_pixels(
 }
 
 /// Works on some pixels, in parallel: few, near each other, and each a long job.
-fn for_some(
+pub(crate) fn for_some(
     pixels: &mut [Sample],
     width: usize,
     indices: &[usize],
@@ -342,6 +354,9 @@ const MORE: u32 = 2;
 /// Samples where the contrast is strong, for each where it is not: a power of `MORE`.
 const STRONG: u32 = 4;
 
+/// Rounds in which pixels beside grainy penumbrae are looked at, at most.
+const LOOKS: u32 = 8;
+
 /// Times the noise for which a pixel of [`STRONG`] samples gets more: beside one that has as much, pixels are sampled whatever
 /// their first ray met. A slit or a wire is a row of them, a plain edge of usual contrast is not.
 const THIN: f32 = 2.0;
@@ -366,13 +381,13 @@ fn resample(
     camera: &Camera,
     params: &RenderParams,
     (cut, exposure): (Option<&Cut>, f32),
+    rays: Option<Samples>,
     at: (usize, usize),
     fresh: Range<u32>,
     pixel: &mut Sample,
     scratch: &mut Scratch,
 ) {
     let key = again(params, at);
-    let rays = shadow_rays(params, fresh.end);
     let (count, known) = (fresh.end.max(1) as f32, fresh.start as f32);
     if fresh.start == 0 {
         pixel.centre = shown(pixel.light.beauty(), exposure);
@@ -422,7 +437,7 @@ fn is_beside_noise(pixels: &[Sample], width: usize, index: usize, noise: f32, ex
 }
 
 /// The neighbours of a pixel, by index.
-fn around(index: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
+pub(crate) fn around(index: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
     let (x, y) = (index % width, index / width);
     let rows = y.saturating_sub(1)..(y + 2).min(height);
     rows.flat_map(move |v| (x.saturating_sub(1)..(x + 2).min(width)).map(move |u| v * width + u))

@@ -154,6 +154,12 @@ impl Samples {
     pub fn exact(count: u32) -> Self {
         Self { count, calm: false, shadows: MAX_SHADOWS }
     }
+
+    /// So many times the rays, and the shadows that are cut out.
+    #[must_use]
+    pub fn times(self, times: u32) -> Self {
+        Self { count: self.count * times, shadows: self.shadows * times, ..self }
+    }
 }
 
 impl From<u32> for Samples {

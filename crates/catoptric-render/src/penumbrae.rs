@@ -1,0 +1,130 @@
+//! Pixels in and beside penumbrae that shadow rays found: they are looked at by more rays, before anything else is concluded from what they
+//! show.
+//!
+//! Shadows of few triangles are cut out of a source, exactly. Behind more, as where a row of bulbs shines past a moulding and past
+//! each other, rays are counted, and that may be grainy. Those pixels get more rays once more; where it is hopeless, the mesh has
+//! what it was solved by, which is smooth, and the picture fades over to that.
+
+use rayon::prelude::*;
+
+use catoptric_light::irradiance::Samples;
+use catoptric_scene::quantity::LUMINANCE;
+use catoptric_scene::{Cancelled, Progress};
+
+use crate::direct::DirectLight;
+use crate::needs::{DARK, Need};
+use crate::pixel::{Sample, Scratch};
+use crate::render::{around, for_some};
+
+/// Deviation of what shadow rays find, relative to the displayed luminance, that may show as grain beside what is smooth …
+const GRAIN: f32 = 0.01;
+/// … and that from which it does, much more than what the mesh gets wrong.
+const HOPELESS: f32 = 0.02;
+/// Shadow rays, and shadows that are cut out, in a grainy pixel for each of those in others.
+const GRAINY: u32 = 4;
+/// What their deviation falls by, about: strata do better than √4.
+const GAINED: f32 = 2.5;
+/// Pixels around over which the variance is pooled: that of one is known by a single difference.
+const POOLED: usize = 2;
+
+/// Penumbrae in a picture.
+pub(crate) struct Penumbrae {
+    /// Pixels that were looked at.
+    pub(crate) looked: Vec<bool>,
+    /// Share of the light of sources that is read from the mesh after all.
+    pub(crate) read: Vec<f32>,
+}
+
+impl Penumbrae {
+    /// In a picture of so many pixels, before anything is looked at.
+    pub(crate) fn new(count: usize) -> Self {
+        Self { looked: vec![false; count], read: vec![0.0; count] }
+    }
+
+    /// Whether a pixel is to be looked at that has a need: where penumbrae are, or few rays saw none beside one that is grainy.
+    pub(crate) fn is_uncertain(&self, pixels: &[Sample], width: usize, index: usize, need: Need) -> bool {
+        let is_grainy = |i: usize| self.looked[i] && (self.read[i] > 0.0 || pixels[i].grain > 0.0);
+        need != Need::Nothing
+            && !self.looked[index]
+            && (need == Need::Shadows
+                || pixels[index].grain > 0.0
+                || around(index, width, pixels.len() / width.max(1)).any(is_grainy))
+    }
+
+    /// Looks at some pixels of a picture: `shoot` gives what is seen through the centre of one by shadow rays, or by none.
+    pub(crate) fn look(
+        &mut self,
+        pixels: &mut [Sample],
+        (width, exposure): (usize, f32),
+        first: &[usize],
+        direct: DirectLight,
+        progress: &dyn Progress,
+        shoot: impl Fn((usize, usize), Option<Samples>, &mut Scratch) -> Sample + Sync,
+    ) -> Result<(), Cancelled> {
+        let (DirectLight::Auto(rays) | DirectLight::Pixels(rays)) = direct else { return Ok(()) };
+        let rays = Samples::exact(rays.penumbra);
+        let by = |rays: Samples| {
+            let shoot = &shoot;
+            move |at: (usize, usize), pixel: &mut Sample, scratch: &mut Scratch| {
+                let Sample { light, open, penumbra, grain, .. } = shoot(at, Some(rays), scratch);
+                *pixel = Sample { light, open, penumbra, grain, ..*pixel };
+            }
+        };
+        for_some(pixels, width, first, progress, by(rays))?;
+        first.iter().for_each(|&i| self.looked[i] = true);
+
+        let is_auto = matches!(direct, DirectLight::Auto(_));
+        let grainy = self.grainy(pixels, (width, exposure), first);
+        let (hopeless, more): (Vec<_>, Vec<_>) =
+            grainy.iter().partition(|(_, deviation)| is_auto && *deviation > GAINED * HOPELESS);
+        let more: Vec<usize> = more.into_iter().map(|(index, _)| index).collect();
+        for_some(pixels, width, &more, progress, by(rays.times(GRAINY)))?;
+        if !is_auto {
+            return Ok(());
+        }
+        for (index, deviation) in hopeless.into_iter().chain(self.grainy(pixels, (width, exposure), &more)) {
+            let x = ((deviation - GRAIN) / (HOPELESS - GRAIN)).min(1.0);
+            self.read[index] = x * x * (3.0 - 2.0 * x);
+        }
+        let fading: Vec<usize> =
+            grainy.iter().map(|(index, _)| *index).filter(|&i| self.read[i] > 0.0).collect();
+        let read = &self.read;
+        for_some(pixels, width, &fading, progress, |at, pixel, scratch| {
+            let (mut stored, share) = (shoot(at, None, scratch).light, read[at.1 * width + at.0]);
+            pixel.light.scale(1.0 - share);
+            stored.scale(share);
+            pixel.light.accumulate(&stored);
+            // Both have the light of other terms.
+            pixel.open = pixel.open.lerp(stored.beauty() / share, share);
+            pixel.grain *= (1.0 - share).powi(2);
+        })?;
+        Ok(())
+    }
+
+    /// Those of some pixels that are grainy, with their deviation, relative.
+    fn grainy(
+        &self,
+        pixels: &[Sample],
+        (width, exposure): (usize, f32),
+        some: &[usize],
+    ) -> Vec<(usize, f32)> {
+        let height = pixels.len() / width.max(1);
+        let deviation = |&index: &usize| {
+            let (x, y) = (index % width, index / width);
+            let (mut sum, mut count) = (0.0_f32, 0.0_f32);
+            for v in y.saturating_sub(POOLED)..(y + POOLED + 1).min(height) {
+                for u in x.saturating_sub(POOLED)..(x + POOLED + 1).min(width) {
+                    let near = v * width + u;
+                    if self.looked[near] {
+                        sum += pixels[near].grain;
+                        count += 1.0;
+                    }
+                }
+            }
+            let beside = pixels[index].light.beauty().dot(LUMINANCE) + DARK * exposure;
+            let deviation = (sum / count.max(1.0)).sqrt() / beside;
+            (deviation > GRAIN).then_some((index, deviation))
+        };
+        some.par_iter().with_min_len(256).filter_map(deviation).collect()
+    }
+}
