@@ -6,6 +6,7 @@ mod allocation;
 pub mod caustic;
 pub mod coarse;
 pub mod contact;
+mod curve;
 mod cut;
 mod detail;
 pub mod display;

@@ -5,6 +5,8 @@ use glam::Vec3;
 use catoptric_scene::{Barycentric, Material, TriangleId};
 use catoptric_trace::{MediumId, Tracer};
 
+use crate::curve::on_curve;
+
 /// A triangle of the specular geometry, or a part of one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Target {
@@ -94,7 +96,8 @@ pub(super) fn collect(tracer: &Tracer) -> Vec<Target> {
         let whole = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)];
         push_parts(tracer, &mut targets, triangle, whole, scene.area(triangle), largest, sides, strength);
     }
-    sort_along_curve(tracer, &mut targets);
+    // Neighbours in the list are neighbours in space, so that a stratum of the list is one.
+    targets.sort_by_cached_key(|target| on_curve(tracer, target.center));
     targets
 }
 
@@ -123,22 +126,4 @@ fn push_parts(
     let radius = (p - center).length().max((q - center).length()).max((r - center).length());
     let normal = scene.geometric_normal(triangle);
     targets.push(Target { triangle, corners, center, radius, normal, area, sides, strength });
-}
-
-/// Morton order of the centres: neighbours in the list are neighbours in space, so that a stratum of the list is one.
-fn sort_along_curve(tracer: &Tracer, targets: &mut [Target]) {
-    let low = tracer.center() - Vec3::splat(0.5 * tracer.diagonal());
-    let scale = 1023.0 / tracer.diagonal().max(f32::MIN_POSITIVE);
-    let spread = |x: f32| {
-        let mut x = x.clamp(0.0, 1023.0) as u32;
-        x = (x | x << 16) & 0x0300_00ff;
-        x = (x | x << 8) & 0x0300_f00f;
-        x = (x | x << 4) & 0x030c_30c3;
-        (x | x << 2) & 0x0924_9249
-    };
-    let code = |t: &Target| {
-        let p = (t.center - low) * scale;
-        spread(p.x) << 2 | spread(p.y) << 1 | spread(p.z)
-    };
-    targets.sort_by_cached_key(code);
 }

@@ -23,6 +23,7 @@ use crate::solve::SolveParams;
 
 use super::links::{Linking, Links};
 use super::spots::Spots;
+use super::turns::{part, turns};
 
 /// Irradiance below this share of the scene's mean counts as that much where rays are shared out.
 const FLOOR: f32 = 0.005;
@@ -357,6 +358,7 @@ impl<'a> Gathers<'a> {
         spots: &Spots,
         budget: &Budget,
     ) -> Inside {
+        let turns = turns(self.lights.tracer(), self.draft, &self.displayed, samples);
         let (gathered, rays) = samples
             .par_iter()
             .enumerate()
@@ -372,7 +374,8 @@ impl<'a> Gathers<'a> {
                 let least = corners.iter().map(|&v| budget.least[v as usize]).fold(f32::INFINITY, f32::min);
                 let rays = budget.allocation.rays(self.params.gather_rays, budget.deviation(&guide, least));
                 let rays = if self.at_once { rays.max(CONTROLLED_RAYS) } else { rays };
-                (self.gather(light, &receiver, 0..rays, Some(&guide), entity, &mut ()), rays)
+                let part = part(turns[index], rays);
+                (self.gather(light, &receiver, part, Some(&guide), AT_SAMPLE, &mut ()), rays)
             })
             .unzip();
         Inside { gathered, rays }

@@ -1,11 +1,13 @@
 //! The final gather: light that other diffuse surfaces send, at the vertices and inside the elements of a mesh, fitted, and
 //! corrected by what it found beyond what it saw.
 //!
-//! The file `gathers` sends the rays, `links` keeps what those of the vertices met, `spots` knows what is small and bright.
+//! The file `gathers` sends the rays, `links` keeps what those of the vertices met, `spots` knows what is small and
+//! bright, `turns` shares out one sequence among the points inside the elements.
 
 mod gathers;
 mod links;
 mod spots;
+mod turns;
 
 use catoptric_light::Lights;
 use catoptric_scene::{Cancelled, Progress, Rgb};
