@@ -26,9 +26,10 @@ pub(crate) fn vertex_budgets(
     let mesh = &displayed.mesh;
     let mut refined = vec![false; mesh.vertices.len()];
     for element in 0..mesh.elements.len() {
-        let level = draft.leaves[displayed.leaves[element] as usize].level;
-        for v in mesh.elements[element].vertices {
-            refined[v as usize] |= level > 0;
+        if is_refined(draft, displayed, element, whole) {
+            for v in mesh.elements[element].vertices {
+                refined[v as usize] = true;
+            }
         }
     }
     let area = areas_around(mesh);
@@ -52,6 +53,17 @@ pub(crate) fn vertex_budgets(
         })
         .unzip()
 }
+
+/// Whether an element is small because surfaces are near: it was split, or on a flat face it leads from short contact lines to the
+/// lattice, of whose triangles `whole` is the area.
+pub(crate) fn is_refined(draft: &Draft, displayed: &Displayed, element: usize, whole: f32) -> bool {
+    let leaf = &draft.leaves[displayed.leaves[element] as usize];
+    leaf.level > 0
+        || !draft.faces[leaf.face as usize].curved && displayed.mesh.area(element as u32) < GRADED * whole
+}
+
+/// Share of a lattice triangle's area below which elements of flat faces are as those of refined ones.
+const GRADED: f32 = 0.25;
 
 /// A third of the area of the elements around each vertex.
 pub(crate) fn areas_around(mesh: &DisplayMesh) -> Vec<f32> {
@@ -118,6 +130,10 @@ pub(crate) fn relative_deviation(guide: &Guide, other: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use catoptric_scene::{Material, Rgb, Scene, SceneParts};
+    use catoptric_trace::Tracer;
+    use glam::Vec3;
+
     use super::*;
 
     #[test]
@@ -125,6 +141,39 @@ mod tests {
         let usual = Allocation { mean: USUAL_DEVIATION };
         let rays = |times: f32| usual.rays(128, USUAL_DEVIATION * times);
         assert_eq!([0.0, 0.3, 0.5, 1.0, 2.0, 9.0, 100.0].map(rays), [32, 32, 64, 128, 256, 1024, 2048]);
+    }
+
+    /// Round a ring on a floor the elements of the base mesh are small because the ring is near: they are as those of triangles that
+    /// were split for it, and not as an author's fine mesh, whose vertices share their rays and are trusted together.
+    #[test]
+    fn elements_that_lead_from_short_lines_are_refined_ones() {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        parts.add_quad("floor", white, Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0);
+        let corner = |k: u16| {
+            let (sin, cos) = libm::sincosf(f32::from(k) / 64.0 * std::f32::consts::TAU);
+            Vec3::new(0.3 * cos, 0.0, 0.3 * sin)
+        };
+        for k in 0..64 {
+            parts.add_quad("ring", white, corner(k), corner(k + 1) - corner(k), Vec3::Y * 0.2);
+        }
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let draft = Draft::new(&tracer, 0.5);
+        let displayed = draft.display(&tracer);
+        let whole = 0.5 * 0.5 * 0.5;
+        let hidden = vec![false; draft.vertices.len()];
+        let params = SolveParams::for_quality(catoptric_solution::Quality::Standard);
+        let (rays, trust) = vertex_budgets(&draft, &displayed, &hidden, &params, whole);
+        let places = displayed.mesh.vertices.iter().map(|v| v.position);
+        let beside: Vec<usize> = places
+            .zip(0..)
+            .filter(|(p, _)| p.y == 0.0 && (p.length() - 0.3).abs() < 0.01)
+            .map(|p| p.1)
+            .collect();
+        assert!(beside.len() >= 64);
+        assert!(beside.iter().all(|&i| trust[i] == 1.0 && rays[i] >= MIN_VERTEX_RAYS));
+        assert!((0..displayed.mesh.elements.len()).any(|e| !is_refined(&draft, &displayed, e, whole)));
     }
 
     #[test]

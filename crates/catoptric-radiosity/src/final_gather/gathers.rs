@@ -10,7 +10,7 @@ use catoptric_solution::DisplayMesh;
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 
 use crate::JOB;
-use crate::allocation::{Allocation, areas_around, relative_deviation, vertex_budgets};
+use crate::allocation::{Allocation, areas_around, is_refined, relative_deviation, vertex_budgets};
 use crate::display::Displayed;
 use crate::draft::Draft;
 use crate::fit::FitSample;
@@ -130,14 +130,14 @@ impl<'a> Gathers<'a> {
 
     /// Points inside the elements at which to gather.
     pub(super) fn samples(&self) -> Vec<FitSample> {
-        let Displayed { mesh, origin, leaves, .. } = &self.displayed;
+        let Displayed { mesh, origin, .. } = &self.displayed;
         let sharing = self.shared.sharing;
         (0..mesh.elements.len() as u32)
             .flat_map(|element| {
                 let area = mesh.area(element);
                 let key = Key::new(self.params.seed, Purpose::ElementPoint, u64::from(element) | SAMPLES);
                 // Refined elements are small because surfaces are near: they get one at least every other time.
-                let refined = self.draft.leaves[leaves[element as usize] as usize].level > 0;
+                let refined = is_refined(self.draft, &self.displayed, element as usize, self.whole);
                 let floor = if refined { 0.5 } else { 0.0 };
                 let corners = mesh.elements[element as usize].vertices.map(|v| origin[v as usize]);
                 let covered = corners.iter().all(|&v| self.hidden[v as usize])
