@@ -22,8 +22,9 @@ const GRAIN: f32 = 0.01;
 const HOPELESS: f32 = 0.02;
 /// Shadow rays, and shadows that are cut out, in a grainy pixel for each of those in others.
 const GRAINY: u32 = 4;
-/// What their deviation falls by, about: strata do better than √4.
-const GAINED: f32 = 2.5;
+/// Mean squares of the difference of mesh and rays, in variances of these, up to which the mesh is read: it is then off by less than twice what
+/// the rays are, and smooth.
+const EXPLAINED: f32 = 4.0;
 /// Pixels around over which the variance is pooled: that of one is known by a single difference.
 const POOLED: usize = 2;
 
@@ -73,31 +74,36 @@ impl Penumbrae {
         for_some(pixels, width, first, progress, by(rays))?;
         first.iter().for_each(|&i| self.looked[i] = true);
 
-        let is_auto = matches!(direct, DirectLight::Auto(_));
-        let grainy = self.grainy(pixels, (width, exposure), first);
-        let (hopeless, more): (Vec<_>, Vec<_>) =
-            grainy.iter().partition(|(_, deviation)| is_auto && *deviation > GAINED * HOPELESS);
-        let more: Vec<usize> = more.into_iter().map(|(index, _)| index).collect();
+        let more: Vec<usize> =
+            self.grainy(pixels, (width, exposure), first).into_iter().map(|g| g.0).collect();
         for_some(pixels, width, &more, progress, by(rays.times(GRAINY)))?;
-        if !is_auto {
+        if !matches!(direct, DirectLight::Auto(_)) {
             return Ok(());
         }
-        for (index, deviation) in hopeless.into_iter().chain(self.grainy(pixels, (width, exposure), &more)) {
-            let x = ((deviation - GRAIN) / (HOPELESS - GRAIN)).min(1.0);
-            self.read[index] = x * x * (3.0 - 2.0 * x);
+        let grainy = self.grainy(pixels, (width, exposure), &more);
+        let places: Vec<usize> = grainy.iter().map(|g| g.0).collect();
+        // What the mesh has.
+        let mut stored: Vec<Sample> = places
+            .par_iter()
+            .with_max_len(1)
+            .map_init(Scratch::default, |scratch, &index| {
+                shoot((index % width, index / width), None, scratch)
+            })
+            .collect();
+        for (index, deviation) in grainy {
+            if explains(pixels, (&places, &stored), width, index) {
+                let x = ((deviation - GRAIN) / (HOPELESS - GRAIN)).min(1.0);
+                self.read[index] = x * x * (3.0 - 2.0 * x);
+            }
         }
-        let fading: Vec<usize> =
-            grainy.iter().map(|(index, _)| *index).filter(|&i| self.read[i] > 0.0).collect();
-        let read = &self.read;
-        for_some(pixels, width, &fading, progress, |at, pixel, scratch| {
-            let (mut stored, share) = (shoot(at, None, scratch).light, read[at.1 * width + at.0]);
+        for (index, stored) in places.into_iter().zip(&mut stored) {
+            let (pixel, share) = (&mut pixels[index], self.read[index]);
             pixel.light.scale(1.0 - share);
-            stored.scale(share);
-            pixel.light.accumulate(&stored);
-            // Both have the light of other terms.
-            pixel.open = pixel.open.lerp(stored.beauty() / share, share);
+            stored.light.scale(share);
+            pixel.light.accumulate(&stored.light);
+            pixel.open = pixel.open.lerp(stored.open, share);
             pixel.grain *= (1.0 - share).powi(2);
-        })?;
+        }
         Ok(())
     }
 
@@ -110,16 +116,10 @@ impl Penumbrae {
     ) -> Vec<(usize, f32)> {
         let height = pixels.len() / width.max(1);
         let deviation = |&index: &usize| {
-            let (x, y) = (index % width, index / width);
             let (mut sum, mut count) = (0.0_f32, 0.0_f32);
-            for v in y.saturating_sub(POOLED)..(y + POOLED + 1).min(height) {
-                for u in x.saturating_sub(POOLED)..(x + POOLED + 1).min(width) {
-                    let near = v * width + u;
-                    if self.looked[near] {
-                        sum += pixels[near].grain;
-                        count += 1.0;
-                    }
-                }
+            for near in window(index, width, height).filter(|&near| self.looked[near]) {
+                sum += pixels[near].grain;
+                count += 1.0;
             }
             let beside = pixels[index].light.beauty().dot(LUMINANCE) + DARK * exposure;
             let deviation = (sum / count.max(1.0)).sqrt() / beside;
@@ -127,4 +127,26 @@ impl Penumbrae {
         };
         some.par_iter().with_min_len(256).filter_map(deviation).collect()
     }
+}
+
+/// The pixels of a picture up to [`POOLED`] columns and rows from one, and that one.
+fn window(index: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
+    let (x, y) = (index % width, index / width);
+    let columns = x.saturating_sub(POOLED)..(x + POOLED + 1).min(width);
+    let rows = y.saturating_sub(POOLED)..(y + POOLED + 1).min(height);
+    rows.flat_map(move |v| columns.clone().map(move |u| v * width + u))
+}
+
+/// Whether around a pixel noise explains what the mesh differs by, which has `stored` at some `places`, ascending. At the edge of a sharp
+/// shadow it does not: there the mesh is wrong.
+fn explains(pixels: &[Sample], (places, stored): (&[usize], &[Sample]), width: usize, index: usize) -> bool {
+    let (mut squares, mut variances) = (0.0_f32, 0.0_f32);
+    for near in window(index, width, pixels.len() / width.max(1)) {
+        if let Ok(place) = places.binary_search(&near) {
+            let [own, other] = [&pixels[near], &stored[place]].map(|p| p.light.beauty().dot(LUMINANCE));
+            squares += (own - other).powi(2);
+            variances += pixels[near].grain;
+        }
+    }
+    squares <= EXPLAINED * variances
 }
