@@ -94,7 +94,7 @@ impl SolveParams {
             Quality::Sketch => (0, 0, 0.0, 0),
             // A twentieth of a draft's time for a thirtieth of its error.
             Quality::Draft => (1, 2, 0.2, 0),
-            Quality::Standard => (1, 4, 1.0, 4),
+            Quality::Standard => (1, 4, 0.8, 4),
             Quality::High => (2, 5, 0.7, 4),
         };
         let (max_vertices, tolerance, blur, shadow_rays, inside_rounds) = match quality {
@@ -213,7 +213,7 @@ const GATHER_CELL: f32 = 0.125;
 /// Triangles of the author that hold light, for each that walls are cut into.
 const OWN_PER_TRIANGLE: usize = 40;
 /// Triangles that details may add, per triangle of the budget, at most.
-const DETAILS_PER_TRIANGLE: usize = 26;
+const DETAILS_PER_TRIANGLE: usize = 21;
 /// … and light on near surfaces.
 const NEAR_LIGHT_PER_TRIANGLE: usize = 40;
 /// Most vertices that shadows may add in large scenes, as a multiple of the budget.
