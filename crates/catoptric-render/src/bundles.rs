@@ -72,6 +72,9 @@ pub(crate) struct Sources<'a>(Vec<Source<'a>>);
 
 impl<'a> Sources<'a> {
     pub(crate) fn new(lights: &'a Lights) -> Self {
+        if !lights.tracer().has_specular() {
+            return Self(Vec::new());
+        }
         let emitters = lights.emitters();
         let alone = emitters.lamps().iter().map(|lamp| lamp.cells.start as usize).min();
         let cells = &emitters.cells()[..alone.unwrap_or(emitters.cells().len())];
@@ -92,6 +95,11 @@ impl<'a> Sources<'a> {
             emitters.lamps().iter().map(lamp).chain(cells.iter().map(cell)).collect();
         sources.sort_by(|a, b| b.luminance.total_cmp(&a.luminance));
         Self(sources)
+    }
+
+    /// Whether there are any, and what may throw rays to them.
+    pub(crate) fn are_thrown(&self) -> bool {
+        !self.0.is_empty()
     }
 
     /// Pixels beside which a source passes that no centre met, and what it sends there: of those from index `first` on in a picture

@@ -149,25 +149,32 @@ pub fn render(
     let (mut legs, mut missed): (Vec<Legs>, Vec<Thin>) = (Vec::new(), Vec::new());
     while pixels.len() < width * height {
         let band = pixels.len()..(pixels.len() + BAND).min(width * height);
-        let first = band.into_par_iter().with_min_len(JOB).with_max_len(JOB).map_init(
-            Scratch::default,
-            |scratch, index| {
-                if index % JOB == 0 {
-                    progress.advance(1);
-                }
-                if progress.is_cancelled() {
-                    return (Sample::NOTHING, Legs::default());
-                }
-                let key = Key::new(params.seed, Purpose::Pixel, index as u64);
-                let at = (index % width, index / width);
-                let sample =
-                    shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 0), (key, 0), scratch);
-                (sample, scratch.legs)
-            },
-        );
-        let (first, thrown): (Vec<Sample>, Vec<Legs>) = first.unzip();
-        pixels.extend(first);
-        legs.extend(thrown);
+        let above = legs.len();
+        legs.resize(if sources.are_thrown() { above + band.len() } else { 0 }, Legs::default());
+        let first = band.into_par_iter().with_min_len(JOB).with_max_len(JOB);
+        let shot = |scratch: &mut Scratch, index: usize| {
+            if index.is_multiple_of(JOB) {
+                progress.advance(1);
+            }
+            if progress.is_cancelled() {
+                return Sample::NOTHING;
+            }
+            let key = Key::new(params.seed, Purpose::Pixel, index as u64);
+            let at = (index % width, index / width);
+            shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 0), (key, 0), scratch)
+        };
+        if sources.are_thrown() {
+            pixels.par_extend(first.zip(&mut legs[above..]).map_init(
+                Scratch::default,
+                |scratch, (index, legs)| {
+                    let sample = shot(scratch, index);
+                    *legs = scratch.legs;
+                    sample
+                },
+            ));
+        } else {
+            pixels.par_extend(first.map_init(Scratch::default, shot));
+        }
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
