@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use catoptric_image::{Image, ReadLimits};
-use catoptric_scene::gltf::{AnimatedCameras, Asset, LoadError, LoadOptions, Loaded, load};
+use catoptric_scene::gltf::{self, AnimatedCameras, Asset, Described, LoadError, LoadOptions, Unread};
 use catoptric_scene::{Photometry, Radiance, Scene, SceneHash, Sky, SkyImage};
 use catoptric_solution::Solution;
 use catoptric_solution::file::{self, Saved};
@@ -53,26 +53,33 @@ impl Input {
     ) -> Result<Self, Failure> {
         let photometry = photometry.iter().map(read_photometry).collect::<Result<_, Failure>>()?;
         let options = LoadOptions { photometry, ..LoadOptions::default() };
-        let open = || open(path, |path| load(path, &options));
-        let (loaded, saved, light_file, accelerator) = match light {
+        let opened = || open(path, || gltf::open(path, &options));
+        let described = |unread: Unread, asset: &Asset, with_accelerator: bool| {
+            let described = unread.scene(asset).map_err(|error| Failure::Run(error.to_string()))?;
+            let accelerator = with_accelerator.then(|| Accelerator::new(&described.scene));
+            Ok::<_, Failure>((described, accelerator))
+        };
+        // Light is read while the tree is built; where there is none, that is a stage of its own.
+        let (asset, described, saved, light_file) = match light {
             Light::New | Light::Own => {
-                let loaded = open()?;
-                let saved = saved(&loaded.asset, path)?;
-                (loaded, saved, path, None)
+                let (asset, unread) = opened()?;
+                let has_light = asset.metadata().is_some();
+                let (described, saved) =
+                    rayon::join(|| described(unread, &asset, has_light), || saved(&asset, path));
+                (asset, described?, saved?, path)
             }
             Light::Beside(beside) => {
-                let with_accelerator = || {
-                    open().map(|loaded| {
-                        let accelerator = Accelerator::new(&loaded.scene);
-                        (loaded, accelerator)
-                    })
+                let scene = || {
+                    let (asset, unread) = opened()?;
+                    let described = described(unread, &asset, true)?;
+                    Ok::<_, Failure>((asset, described))
                 };
-                let (loaded, saved) = rayon::join(with_accelerator, || saved_beside(path, beside));
-                let (loaded, accelerator) = loaded?;
-                (loaded, Some(saved?), beside, Some(accelerator))
+                let (scene, saved) = rayon::join(scene, || saved_beside(path, beside));
+                let (asset, described) = scene?;
+                (asset, described, Some(saved?), beside)
             }
         };
-        let Loaded { scene, asset, cameras, warnings } = loaded;
+        let (Described { scene, cameras, warnings }, accelerator) = described;
         let mut warnings: Vec<String> = warnings.iter().map(ToString::to_string).collect();
 
         // The sky that was asked for, else the one that the solution was made with.
@@ -120,7 +127,7 @@ fn read_photometry(of: &LightFile) -> Result<(String, String), Failure> {
 const MAX_PHOTOMETRY: u64 = 16 << 20;
 
 /// Reads a file; one that is not there is looked for under similar names.
-fn open<T>(path: &Path, read: impl FnOnce(&Path) -> Result<T, LoadError>) -> Result<T, Failure> {
+fn open<T>(path: &Path, read: impl FnOnce() -> Result<T, LoadError>) -> Result<T, Failure> {
     if !path.exists() {
         let message = format!("{}: no such file", path.display());
         return Err(match similar_file(path) {
@@ -128,12 +135,12 @@ fn open<T>(path: &Path, read: impl FnOnce(&Path) -> Result<T, LoadError>) -> Res
             None => Failure::Run(message),
         });
     }
-    read(path).map_err(|error| Failure::Run(error.to_string()))
+    read().map_err(|error| Failure::Run(error.to_string()))
 }
 
 /// The solution in a file of its own for the scene in `path`.
 fn saved_beside(path: &Path, beside: &Path) -> Result<Saved, Failure> {
-    let asset = open(beside, |beside| Asset::read(beside, &LoadOptions::default()))?;
+    let asset = open(beside, || Asset::read(beside, &LoadOptions::default()))?;
     saved(&asset, beside)?.ok_or_else(|| {
         Failure::run(
             format_args!("{}: is a scene without a solution", beside.display()),

@@ -34,19 +34,59 @@ pub struct Loaded {
     pub warnings: Vec<Warning>,
 }
 
+/// A scene without the file that it is from.
+#[derive(Clone, Debug)]
+pub struct Described {
+    /// The scene, validated.
+    pub scene: Scene,
+    /// Its cameras over time.
+    pub cameras: AnimatedCameras,
+    /// What was read in another way than its author may have meant, in all of the file.
+    pub warnings: Vec<Warning>,
+}
+
+/// A file that was read, of which no scene has been made yet: what else is in it can be read at the same time.
+#[derive(Debug)]
+pub struct Unread<'a> {
+    path: &'a Path,
+    options: &'a LoadOptions,
+    report: Report,
+}
+
 /// Loads a `.gltf` or `.glb` file.
 ///
 /// Reads nothing outside of the file's folder, never panics, and takes no more than `options` allow. A
 /// file with a solution gives its source scene: the same triangles in the same order, to the last bit.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
+    let (asset, unread) = open(path, options)?;
+    unread.load(asset)
+}
+
+/// Reads a file with all that it refers to; the scene is to be made of it.
+pub fn open<'a>(path: &'a Path, options: &'a LoadOptions) -> Result<(Asset, Unread<'a>), LoadError> {
     let report = Report::new(path);
-    let Some(asset) = read_asset(path, options, &report) else { return Err(failed(report)) };
-    read_scene(asset, path, options, report)
+    let Some(mut asset) = read_asset(path, options, &report) else { return Err(failed(report)) };
+    embed_photometry(&mut asset, &options.photometry, &report);
+    Ok((asset, Unread { path, options, report }))
 }
 
 /// Reads an asset in memory as if it had been written to `name` and loaded again.
-pub fn load_asset(asset: Asset, name: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
-    read_scene(asset, name, options, Report::new(name))
+pub fn load_asset(mut asset: Asset, name: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
+    let report = Report::new(name);
+    embed_photometry(&mut asset, &options.photometry, &report);
+    Unread { path: name, options, report }.load(asset)
+}
+
+impl Unread<'_> {
+    /// The scene of the asset that was read.
+    pub fn scene(self, asset: &Asset) -> Result<Described, LoadError> {
+        read_scene(asset, self.path, self.options, self.report)
+    }
+
+    fn load(self, asset: Asset) -> Result<Loaded, LoadError> {
+        let Described { scene, cameras, warnings } = self.scene(&asset)?;
+        Ok(Loaded { scene, asset, cameras, warnings })
+    }
 }
 
 impl Asset {
@@ -90,31 +130,30 @@ fn read_asset(path: &Path, options: &LoadOptions, report: &Report) -> Option<Ass
 }
 
 fn read_scene(
-    mut asset: Asset,
+    asset: &Asset,
     path: &Path,
     options: &LoadOptions,
     report: Report,
-) -> Result<Loaded, LoadError> {
-    embed_photometry(&mut asset, &options.photometry, &report);
+) -> Result<Described, LoadError> {
     // Materials first: they say which textures are needed.
     let material_count = asset.source().map_or_else(
         || asset.table_len(Table::MATERIALS),
         |source| source.materials.min(asset.table_len(Table::MATERIALS)),
     );
-    let mut textures = TextureReader::new(&asset, options, &report);
-    let mut materials = read_materials(&asset, material_count, &mut textures, &report);
+    let mut textures = TextureReader::new(asset, options, &report);
+    let mut materials = read_materials(asset, material_count, &mut textures, &report);
     let textures = textures.textures;
 
     // Nodes, and what hangs on them.
-    let mut hierarchy = Hierarchy::read(&asset, options, &report);
-    let origin = origin(&asset, &hierarchy);
+    let mut hierarchy = Hierarchy::read(asset, options, &report);
+    let origin = origin(asset, &hierarchy);
     hierarchy.shift(-origin);
-    let mut meshes = MeshReader::new(&asset, options, &report, &hierarchy, material_count);
+    let mut meshes = MeshReader::new(asset, options, &report, &hierarchy, material_count);
     meshes.read_all();
     let (mut parts, mut precision) = (meshes.parts, meshes.normal_precision);
-    let lights = read_lights(&asset, &hierarchy, &report);
-    let camera_nodes = read_cameras(&asset, &hierarchy, &report);
-    let mut cameras = AnimatedCameras::read(&asset, &hierarchy, &camera_nodes, origin, &report);
+    let lights = read_lights(asset, &hierarchy, &report);
+    let camera_nodes = read_cameras(asset, &hierarchy, &report);
+    let mut cameras = AnimatedCameras::read(asset, &hierarchy, &camera_nodes, origin, &report);
     if report.has_problems() {
         return Err(failed(report));
     }
@@ -143,11 +182,11 @@ fn read_scene(
         ..parts
     };
     solid::check(&parts, &report);
-    survey(&asset, &report);
+    survey(asset, &report);
     match Scene::new(parts) {
         Ok(scene) => {
             let warnings = report.finish()?;
-            Ok(Loaded { scene, asset, cameras, warnings })
+            Ok(Described { scene, cameras, warnings })
         }
         Err(issues) => {
             for issue in issues {

@@ -39,6 +39,6 @@ mod uri;
 pub use animation::AnimatedCameras;
 pub use append::{AppendError, DisplayPrimitive};
 pub use asset::Asset;
-pub use load::{Loaded, load, load_asset};
+pub use load::{Described, Loaded, Unread, load, load_asset, open};
 pub use options::LoadOptions;
 pub use report::{LoadError, Problem, Warning};
