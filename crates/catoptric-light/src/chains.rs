@@ -9,6 +9,7 @@ use catoptric_trace::chain::{Event, MAX_PLANAR};
 use catoptric_trace::plane::Plane;
 use catoptric_trace::{PlaneId, Tracer};
 
+use crate::Receiver;
 use crate::contour::Polygon;
 use crate::emitter::Emitters;
 use crate::light_tree::{View, Windows};
@@ -370,6 +371,17 @@ pub struct Unfolded {
 }
 
 impl Unfolded {
+    /// A receiver that looks straight, over no mirror.
+    pub(crate) fn straight(receiver: &Receiver) -> Self {
+        Self {
+            position: receiver.position.as_dvec3(),
+            normal: receiver.normal.as_dvec3(),
+            geometric: receiver.geometric.as_dvec3(),
+            last: PlaneId::NONE,
+            beyond: None,
+        }
+    }
+
     /// The view of the emitters from here.
     pub(crate) fn view<'a>(&self, windows: &'a Windows) -> View<'a> {
         let (point, beyond) = (self.position, self.beyond);

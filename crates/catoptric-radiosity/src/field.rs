@@ -73,6 +73,11 @@ pub trait Field: Sync {
     fn learns(&self) -> bool {
         false
     }
+    /// How the field varies from vertex to vertex as far as that is known without a look: its values are about in proportion to this where
+    /// nothing else happens between them. `None` where nothing is.
+    fn foretold(&self, _draft: &Draft, _vertex: u32) -> Option<f32> {
+        None
+    }
     /// Called when all vertices so far are evaluated.
     fn settle(&self) {}
 }
@@ -266,8 +271,8 @@ impl Values {
         beside
     }
 
-    /// Where what is shared differs from one neighbour to the next, every vertex is evaluated: the worst first, as far
-    /// as the budget goes.
+    /// Where what is shared differs from one neighbour to the next, or from what is foretold, every vertex is evaluated: the worst first,
+    /// as far as the budget goes.
     pub(crate) fn resolve(
         &mut self,
         draft: &Draft,
@@ -286,6 +291,10 @@ impl Values {
                     worst[v as usize] = worst[v as usize].max(relative);
                 }
             }
+        }
+        let strayed = self.strayed(draft, field, floor);
+        for (worst, strayed) in worst.iter_mut().zip(&strayed) {
+            *worst = worst.max(*strayed);
         }
         let mut doubtful: Vec<u32> = (0..self.values.len() as u32)
             .filter(|&v| !self.sharing.is_asked(v) && worst[v as usize] > DOUBTFUL * params.tolerance)
@@ -310,9 +319,41 @@ impl Values {
         field.settle();
         for (&vertex, value) in doubtful.iter().zip(found) {
             self.values[vertex as usize] = value;
-            self.sharing.ask(vertex);
+            if strayed[vertex as usize] > DOUBTFUL * params.tolerance {
+                self.sharing.part(vertex);
+            } else {
+                self.sharing.ask(vertex);
+            }
         }
         Ok(())
+    }
+
+    /// Per vertex that others sample for: by how much what they found differs from what is foretold of it, relative to both.
+    ///
+    /// The vertices that share may be all that a small thing has, and a lamp inside of it as near as they are to each other: what one of
+    /// them samples for all, no neighbour contradicts.
+    fn strayed(&self, draft: &Draft, field: &dyn Field, floor: f32) -> Vec<f32> {
+        let foretell = |v: u32| field.foretold(draft, v).unwrap_or(0.0);
+        let mut at_leads = vec![0.0; self.values.len()];
+        let leads: Vec<f32> =
+            self.sharing.leads().par_iter().with_max_len(JOB).map(|&v| foretell(v)).collect();
+        for (&lead, foretold) in self.sharing.leads().iter().zip(leads) {
+            at_leads[lead as usize] = foretold;
+        }
+        (0..self.values.len() as u32)
+            .into_par_iter()
+            .with_max_len(8 * JOB)
+            .map(|v| {
+                let parts = self.sharing.parts(v);
+                let mean: f32 = parts.iter().map(|&(lead, weight)| at_leads[lead as usize] * weight).sum();
+                let light = self.values[v as usize].max_element();
+                if mean <= 0.0 || light <= 0.0 {
+                    return 0.0;
+                }
+                let foretold = light * foretell(v) / mean;
+                (foretold - light).abs() / (0.5 * (foretold + light) + floor.max(f32::MIN_POSITIVE))
+            })
+            .collect()
     }
 }
 

@@ -170,6 +170,12 @@ impl Sharing {
         self.mix_of[vertex as usize] = ASKED;
     }
 
+    /// Has a vertex asked itself from now on, as one whose light varies around it as on any other mesh.
+    pub fn part(&mut self, vertex: u32) {
+        self.ask(vertex);
+        self.shares[vertex as usize] = false;
+    }
+
     /// Gives every vertex that is not asked the mean of the asked ones around it.
     pub fn fill<T: Copy>(&self, values: &mut [T], mean: impl Fn(&mut dyn Iterator<Item = (T, f32)>) -> T) {
         for vertex in 0..values.len().min(self.mix_of.len()) {

@@ -254,6 +254,16 @@ impl Field for SourceField<'_> {
         !self.lights.tracer().scene().lights().is_empty()
     }
 
+    /// As the sources send if nothing blocked them.
+    fn foretold(&self, draft: &Draft, vertex: u32) -> Option<f32> {
+        let mut scratch = self.scratch.lock().ok().and_then(|mut all| all.pop()).unwrap_or_default();
+        let open = self.lights.open(&draft.receiver(self.lights.tracer(), vertex), &mut scratch);
+        if let Ok(mut all) = self.scratch.lock() {
+            all.push(scratch);
+        }
+        Some(open)
+    }
+
     fn learns(&self) -> bool {
         self.lights.has_skylight() || !self.lights.lenses().is_empty()
     }

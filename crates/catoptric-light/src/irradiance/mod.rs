@@ -19,10 +19,10 @@ mod way;
 use glam::Vec3;
 
 use catoptric_scene::Rgb;
+use catoptric_trace::Tracer;
 use catoptric_trace::beam::Suspects;
 use catoptric_trace::sequence::Key;
 use catoptric_trace::walk::split::Waiting;
-use catoptric_trace::{PlaneId, Tracer};
 
 use crate::chains::{ImageChain, ImageChains, Unfolded};
 use crate::contour;
@@ -171,6 +171,9 @@ impl From<u32> for Samples {
 /// Samples in proportion to its light from which on a source is worth strata of its own.
 const OWN_STRATA: f64 = 1.5;
 
+/// Groups of emitters are told apart as for so many samples where none are taken.
+const OPEN_SAMPLES: u32 = 64;
+
 /// Samples of a source that do where the surroundings are calm and they agree.
 pub const LOOK: u32 = 4;
 
@@ -238,13 +241,7 @@ impl<'a> Lights<'a> {
         key: Key,
         scratch: &mut Scratch,
     ) -> SourceIrradiance {
-        let image = Unfolded {
-            position: receiver.position.as_dvec3(),
-            normal: receiver.normal.as_dvec3(),
-            geometric: receiver.geometric.as_dvec3(),
-            last: PlaneId::NONE,
-            beyond: None,
-        };
+        let image = Unfolded::straight(receiver);
         self.over(
             Standpoint { receiver, chain: None, image: &image },
             samples.into(),
@@ -252,6 +249,15 @@ impl<'a> Lights<'a> {
             key,
             scratch,
         )
+    }
+
+    /// Irradiance straight from area emitters if nothing blocked it, channels added: how their light varies from place to place where
+    /// their shadows do not, without a ray. W/m².
+    pub fn open(&self, receiver: &Receiver, scratch: &mut Scratch) -> f32 {
+        let image = Unfolded::straight(receiver);
+        let at = Standpoint { receiver, chain: None, image: &image };
+        self.gather(at, OPEN_SAMPLES, &mut scratch.found, &mut scratch.seeker);
+        scratch.found.weight() as f32
     }
 
     /// Irradiance over all image chains, by about `samples` followed paths per chain that is seen; by fewer where that light
