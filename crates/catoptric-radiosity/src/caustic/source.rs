@@ -2,7 +2,10 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
+use rayon::prelude::*;
+
 use catoptric_light::Lights;
+use catoptric_light::emitter::Cell;
 use catoptric_scene::{Lobe, PunctualKind, Rgb, Sky};
 use catoptric_trace::sequence::{Key, Purpose, uniform_sphere};
 use catoptric_trace::{MediumId, MediumStack, PlaneId};
@@ -30,8 +33,8 @@ pub(super) struct Source {
 
 #[derive(Clone, Debug)]
 enum Kind {
-    /// Emitter cells from `first` on, chosen by power; of a single one the part (s, t) ∈ `low` + `size`·[0, 1)².
-    Cells { first: u32, table: Table, low: Vec2, size: Vec2 },
+    /// Emitter cells, chosen by power; of a single one the part (s, t) ∈ `low` + `size`·[0, 1)².
+    Cells { members: Vec<u32>, table: Table, low: Vec2, size: Vec2 },
     /// A punctual light.
     Punctual(u32),
     /// Bright texels by power.
@@ -51,6 +54,8 @@ const MAX_TABLE: usize = 4_000_000;
 const MAX_SOURCES: usize = 64;
 /// Cells are cut until they are this small against their distance from the targets.
 const CELL_RATIO: f32 = 0.25;
+/// Targets count as this share of a group's radius away, at least.
+const NEAREST: f32 = 0.25;
 
 /// All sources that are concentrated.
 pub(super) fn collect(lights: &Lights, targets: &[Target], seed: u32) -> Vec<Source> {
@@ -69,10 +74,10 @@ pub(super) fn collect(lights: &Lights, targets: &[Target], seed: u32) -> Vec<Sou
 
 fn cells(lights: &Lights, targets: &[Target], limit: usize, sources: &mut Vec<Source>) {
     let cells = lights.emitters().cells();
-    let per_group = cells.len().div_ceil(limit).max(1);
-    let parts = (limit / cells.len().max(1)).max(1);
-    for (group, members) in cells.chunks(per_group).enumerate() {
-        let first = (group * per_group) as u32;
+    let groups = grouped(cells, targets, limit);
+    let parts = (limit / groups.len().max(1)).max(1);
+    for numbers in groups {
+        let members: Vec<&Cell> = numbers.iter().map(|&number| &cells[number as usize]).collect();
         let table = Table::new(members.iter().map(|c| c.radiance.element_sum() * c.area as f32));
         let corners = || members.iter().flat_map(|c| c.polygon().corners().to_vec());
         let count = corners().count() as f64;
@@ -92,7 +97,7 @@ fn cells(lights: &Lights, targets: &[Target], limit: usize, sources: &mut Vec<So
             },
             strength: members.iter().map(|c| c.radiance.element_sum() * c.area as f32).sum(),
             media: MediumStack::AIR,
-            kind: Kind::Cells { first, table, low: Vec2::ZERO, size: Vec2::ONE },
+            kind: Kind::Cells { members: numbers, table, low: Vec2::ZERO, size: Vec2::ONE },
         };
         let outline = members[0].polygon().corners().to_vec();
         if members.len() > 1 || outline.len() != 4 {
@@ -100,8 +105,7 @@ fn cells(lights: &Lights, targets: &[Target], limit: usize, sources: &mut Vec<So
             continue;
         }
         // A large lamp is cut into a grid.
-        let near = targets.iter().map(|t| (t.center - whole.center).length() - t.radius);
-        let near = near.fold(f32::INFINITY, f32::min).max(0.25 * whole.radius);
+        let near = nearest(targets, whole.center).max(NEAREST * whole.radius);
         let wanted = (whole.radius / (CELL_RATIO * near)).ceil();
         let [a, b] = [outline[1] - outline[0], outline[3] - outline[0]].map(|e| e.length() as f32);
         let cut = |length: f32| (wanted * length / a.max(b)).ceil().clamp(1.0, (parts as f32).sqrt().floor());
@@ -123,6 +127,73 @@ fn cells(lights: &Lights, targets: &[Target], limit: usize, sources: &mut Vec<So
             }
         }
     }
+}
+
+/// Distance from a place to the nearest target, metres: less than 0 within its ball.
+fn nearest(targets: &[Target], place: Vec3) -> f32 {
+    let away = |t: &Target| (t.center - place).length() - t.radius;
+    targets.par_iter().with_min_len(1024).map(away).reduce(|| f32::INFINITY, f32::min)
+}
+
+/// Cells that are sent from together, in a box.
+struct Group {
+    members: Vec<u32>,
+    low: DVec3,
+    high: DVec3,
+    /// How much it matters that it is not smaller.
+    cost: f32,
+}
+
+impl Group {
+    fn new(cells: &[Cell], targets: &[Target], members: Vec<u32>) -> Self {
+        let corners = || members.iter().flat_map(|&m| cells[m as usize].polygon().corners().to_vec());
+        let low = corners().fold(DVec3::INFINITY, DVec3::min);
+        let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let radius = 0.5 * (high - low).length() as f32;
+        let near = nearest(targets, (0.5 * (low + high)).as_vec3()).max(NEAREST * radius);
+        let strength = |&m: &u32| cells[m as usize].radiance.element_sum() * cells[m as usize].area as f32;
+        let ratio = radius / near.max(f32::MIN_POSITIVE);
+        let cost =
+            if members.len() < 2 { 0.0 } else { members.iter().map(strength).sum::<f32>() * ratio * ratio };
+        Self { members, low, high, cost }
+    }
+
+    /// Its halves, in the middle of the box: lamps that are apart come apart.
+    fn halves(self, cells: &[Cell], targets: &[Target]) -> [Self; 2] {
+        let axis = (self.high - self.low).max_position();
+        let middle = 0.5 * (self.low + self.high)[axis];
+        let below = |&m: &u32| {
+            let corners = cells[m as usize].polygon().corners().to_vec();
+            corners.iter().map(|c| c[axis]).sum::<f64>() < middle * corners.len() as f64
+        };
+        let (mut one, mut other): (Vec<u32>, Vec<u32>) = self.members.into_iter().partition(below);
+        if one.is_empty() || other.is_empty() {
+            one.append(&mut other);
+            other = one.split_off(one.len() / 2);
+        }
+        [one, other].map(|members| Self::new(cells, targets, members))
+    }
+}
+
+/// At most `limit` groups of cells: those are halved first that are strong, and large against their distance from the targets. A group
+/// of two lamps is as far from what is right beside one as from what is beside none, and its importance is worth nothing.
+fn grouped(cells: &[Cell], targets: &[Target], limit: usize) -> Vec<Vec<u32>> {
+    let all = 0..cells.len() as u32;
+    if cells.len() <= limit {
+        return all.map(|number| vec![number]).collect();
+    }
+    let mut groups = vec![Group::new(cells, targets, all.collect())];
+    while groups.len() < limit {
+        let costs = || groups.iter().map(|group| group.cost).enumerate();
+        let Some((worst, cost)) = costs().max_by(|x, y| x.1.total_cmp(&y.1).then(y.0.cmp(&x.0))) else {
+            break;
+        };
+        if cost <= 0.0 {
+            break;
+        }
+        groups.swap_remove(worst).halves(cells, targets).into_iter().for_each(|half| groups.push(half));
+    }
+    groups.into_iter().map(|group| group.members).collect()
 }
 
 fn punctual(lights: &Lights, sources: &mut Vec<Source>) {
@@ -242,9 +313,9 @@ impl Source {
     ) -> Option<Beam> {
         let tracer = lights.tracer();
         match &self.kind {
-            Kind::Cells { first, table, low, size } => {
+            Kind::Cells { members, table, low, size } => {
                 let (member, probability, left) = table.pick(at.x);
-                let cell = &lights.emitters().cells()[*first as usize + member];
+                let cell = &lights.emitters().cells()[members[member] as usize];
                 let s = *low + Vec2::new(left, at.y) * *size;
                 let origin = cell.point(f64::from(s.x), f64::from(s.y));
                 let offset = point.as_dvec3() - origin;
@@ -303,8 +374,8 @@ impl Source {
             if direction.dot(self.axis) < 0.0 { -direction } else { direction }
         };
         let (origin, from) = match &self.kind {
-            Kind::Cells { first, low, size, .. } => {
-                let cell = &lights.emitters().cells()[*first as usize];
+            Kind::Cells { members, low, size, .. } => {
+                let cell = &lights.emitters().cells()[members[0] as usize];
                 let middle = *low + 0.5 * *size;
                 (cell.point(f64::from(middle.x), f64::from(middle.y)).as_vec3(), cell.plane)
             }
@@ -320,4 +391,48 @@ impl Source {
 #[inline]
 fn beam(direction: Vec3, power: Rgb) -> Option<Beam> {
     (power.max_element() > 0.0).then_some(Beam { direction, power })
+}
+
+#[cfg(test)]
+mod tests {
+    use catoptric_light::LightParams;
+    use catoptric_scene::{Material, Radiance, Scene, SceneParts};
+    use catoptric_trace::Tracer;
+
+    use super::*;
+    use crate::caustic::target;
+
+    /// Three bulbs in mirrors, more facets than groups: a group that held facets of two would be half a metre away from the mirrors, and
+    /// what it sends to those that are 3 cm from a bulb would be chosen a hundred times too rarely.
+    #[test]
+    fn no_group_holds_two_lamps() {
+        let mut parts = SceneParts::default();
+        let glowing = parts.add_material(Material::emitter("bulb", Radiance(Rgb::ONE)));
+        let mirror = parts.add_material(Material::mirror("mirror", Rgb::ONE));
+        let (bulb, shell) = (0.01, 0.04);
+        for x in [-1.0, 0.0, 1.0] {
+            parts.add_sphere("bulb", glowing, Vec3::X * x, bulb, 8);
+            parts.add_sphere("mirror", mirror, Vec3::X * x, shell, 8);
+        }
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let lights = Lights::new(&tracer, LightParams::default());
+        let cells = lights.emitters().cells().len();
+        assert!(cells > 2 * MAX_SOURCES, "{cells}");
+        let targets = target::collect(&tracer);
+        for limit in [MAX_SOURCES, 7] {
+            let mut sources = Vec::new();
+            super::cells(&lights, &targets, limit, &mut sources);
+            assert_eq!(sources.len(), limit);
+            let mut held: Vec<u32> = Vec::new();
+            for source in &sources {
+                let Kind::Cells { members, .. } = &source.kind else { panic!("not of cells") };
+                held.extend(members);
+                // A box of one bulb is √3 times its diameter wide.
+                assert!(source.radius < 1.8 * bulb, "{limit}: {}", source.radius);
+            }
+            held.sort_unstable();
+            assert_eq!(held, (0..cells as u32).collect::<Vec<_>>(), "each cell is in one group");
+        }
+    }
 }
