@@ -292,7 +292,8 @@ impl Values {
                 }
             }
         }
-        let strayed = self.strayed(draft, field, floor);
+        let foretold = self.foretold(draft, field);
+        let strayed = self.strayed(&foretold, floor);
         for (worst, strayed) in worst.iter_mut().zip(&strayed) {
             *worst = worst.max(*strayed);
         }
@@ -319,44 +320,66 @@ impl Values {
         field.settle();
         for (&vertex, value) in doubtful.iter().zip(found) {
             self.values[vertex as usize] = value;
-            if strayed[vertex as usize] > DOUBTFUL * params.tolerance {
-                self.sharing.part(vertex);
-            } else {
-                self.sharing.ask(vertex);
-            }
+            self.sharing.ask(vertex);
         }
+        // Where it differs along edges as well they are as others.
+        let differs = |a: f32, b: f32| (a - b).abs() > DOUBTFUL * params.tolerance * 0.5 * (a + b);
+        let has_strayed =
+            |v: u32| strayed[v as usize] > DOUBTFUL * params.tolerance && self.sharing.is_asked(v);
+        let mut parted: Vec<u32> = draft
+            .edges()
+            .into_iter()
+            .filter(|&(a, b)| match [a, b].map(|v| foretold[v as usize]) {
+                [Some(one), Some(other)] => differs(one, other),
+                _ => false,
+            })
+            .flat_map(|(a, b)| [a, b])
+            .filter(|&v| has_strayed(v))
+            .collect();
+        parted.sort_unstable();
+        parted.dedup();
+        parted.into_iter().for_each(|v| self.sharing.part(v));
         Ok(())
+    }
+
+    /// What is foretold of the vertices that share.
+    fn foretold(&self, draft: &Draft, field: &dyn Field) -> Vec<Option<f32>> {
+        (0..self.values.len() as u32)
+            .into_par_iter()
+            .with_max_len(8 * JOB)
+            .map(|v| self.sharing.shares(v).then(|| field.foretold(draft, v)).flatten())
+            .collect()
     }
 
     /// Per vertex that others sample for: by how much what they found differs from what is foretold of it, relative to both.
     ///
     /// The vertices that share may be all that a small thing has, and a lamp inside of it as near as they are to each other: what one of
     /// them samples for all, no neighbour contradicts.
-    fn strayed(&self, draft: &Draft, field: &dyn Field, floor: f32) -> Vec<f32> {
-        let foretell = |v: u32| field.foretold(draft, v).unwrap_or(0.0);
-        let mut at_leads = vec![0.0; self.values.len()];
-        let leads: Vec<f32> =
-            self.sharing.leads().par_iter().with_max_len(JOB).map(|&v| foretell(v)).collect();
-        for (&lead, foretold) in self.sharing.leads().iter().zip(leads) {
-            at_leads[lead as usize] = foretold;
-        }
+    fn strayed(&self, foretold: &[Option<f32>], floor: f32) -> Vec<f32> {
+        let foretold = |v: u32| foretold[v as usize].unwrap_or(0.0);
         (0..self.values.len() as u32)
-            .into_par_iter()
-            .with_max_len(8 * JOB)
             .map(|v| {
                 let parts = self.sharing.parts(v);
-                let mean: f32 = parts.iter().map(|&(lead, weight)| at_leads[lead as usize] * weight).sum();
+                let mean: f32 = parts.iter().map(|&(lead, weight)| foretold(lead) * weight).sum();
                 let light = self.values[v as usize].max_element();
                 if mean <= 0.0 || light <= 0.0 {
                     return 0.0;
                 }
-                let foretold = light * foretell(v) / mean;
-                (foretold - light).abs() / (0.5 * (foretold + light) + floor.max(f32::MIN_POSITIVE))
+                let own = light * foretold(v) / mean;
+                // A sample of its own would be as noisy.
+                let variance = |lead: u32| self.found[lead as usize].variance / 3.0;
+                let variance: f32 = parts.iter().map(|&(lead, weight)| variance(lead) * weight).sum();
+                if (own - light).abs() < STRAYED * variance.sqrt() {
+                    return 0.0;
+                }
+                (own - light).abs() / (0.5 * (own + light) + floor.max(f32::MIN_POSITIVE))
             })
             .collect()
     }
 }
 
+/// What others found is off if it differs from what is foretold by more than this multiple of its deviation.
+const STRAYED: f32 = 2.0;
 /// Neighbours that differ by this multiple of the tolerance do not share.
 const DOUBTFUL: f32 = 2.0;
 
