@@ -163,8 +163,7 @@ impl<'a> SourceField<'a> {
         look: Look,
         key: Key,
     ) -> (SourceLight, Views) {
-        let mut scratch = self.scratch.lock().ok().and_then(|mut all| all.pop()).unwrap_or_default();
-        scratch.rays = 0;
+        let mut scratch = self.take_scratch();
         let mut light = SourceLight { calm: true, times: look.times(), ..SourceLight::default() };
         if self.lights.has_sources() {
             let found = area_sources(self.lights, receiver, self.params.shadow_rays, look, key, &mut scratch);
@@ -207,10 +206,20 @@ impl<'a> SourceField<'a> {
         let punctual = self.lights.punctual(receiver, &mut scratch);
         light.punctual = punctual.direct + punctual.mirrored;
         light.rays = scratch.rays as u32;
+        self.put_back(scratch);
+        (light, views)
+    }
+
+    fn take_scratch(&self) -> Scratch {
+        let mut scratch = self.scratch.lock().ok().and_then(|mut all| all.pop()).unwrap_or_default();
+        scratch.rays = 0;
+        scratch
+    }
+
+    fn put_back(&self, scratch: Scratch) {
         if let Ok(mut all) = self.scratch.lock() {
             all.push(scratch);
         }
-        (light, views)
     }
 }
 
@@ -256,11 +265,9 @@ impl Field for SourceField<'_> {
 
     /// As the sources send if nothing blocked them.
     fn foretold(&self, draft: &Draft, vertex: u32) -> Option<f32> {
-        let mut scratch = self.scratch.lock().ok().and_then(|mut all| all.pop()).unwrap_or_default();
+        let mut scratch = self.take_scratch();
         let open = self.lights.open(&draft.receiver(self.lights.tracer(), vertex), &mut scratch);
-        if let Ok(mut all) = self.scratch.lock() {
-            all.push(scratch);
-        }
+        self.put_back(scratch);
         Some(open)
     }
 

@@ -61,8 +61,8 @@ fn can(turn: Quat, place: Vec3) -> Scene {
 /// the lamp, and up to a tenth too much was stored.
 ///
 /// Light on the wall ends at the lamp's plane, from more than twice its mean 2 cm before. Shown by linear elements whose edges are a sixteenth
-/// of the wall it runs over by up to half an edge, 7 %; the fit gives back the integral of what it sampled, which is most of that. Edges of a draft
-/// are twice as long.
+/// of the wall it runs over by up to half an edge, 7 %; the fit gives back the integral of what it sampled, which is more than two thirds of that. Edges of a
+/// draft are twice as long.
 #[test]
 fn no_light_is_made_in_a_can() {
     let turned =

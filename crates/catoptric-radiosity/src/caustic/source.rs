@@ -78,7 +78,7 @@ fn cells(lights: &Lights, targets: &[Target], limit: usize, sources: &mut Vec<So
     let parts = (limit / groups.len().max(1)).max(1);
     for numbers in groups {
         let members: Vec<&Cell> = numbers.iter().map(|&number| &cells[number as usize]).collect();
-        let table = Table::new(members.iter().map(|c| c.radiance.element_sum() * c.area as f32));
+        let table = Table::new(members.iter().map(|cell| strength(cell)));
         let corners = || members.iter().flat_map(|c| c.polygon().corners().to_vec());
         let count = corners().count() as f64;
         let center = corners().sum::<DVec3>() / count;
@@ -95,7 +95,7 @@ fn cells(lights: &Lights, targets: &[Target], limit: usize, sources: &mut Vec<So
             } else {
                 Lobe::DIFFUSE
             },
-            strength: members.iter().map(|c| c.radiance.element_sum() * c.area as f32).sum(),
+            strength: members.iter().map(|cell| strength(cell)).sum(),
             media: MediumStack::AIR,
             kind: Kind::Cells { members: numbers, table, low: Vec2::ZERO, size: Vec2::ONE },
         };
@@ -129,6 +129,11 @@ fn cells(lights: &Lights, targets: &[Target], limit: usize, sources: &mut Vec<So
     }
 }
 
+/// Σ over channels of radiance × area.
+fn strength(cell: &Cell) -> f32 {
+    cell.radiance.element_sum() * cell.area as f32
+}
+
 /// Distance from a place to the nearest target, metres: less than 0 within its ball.
 fn nearest(targets: &[Target], place: Vec3) -> f32 {
     let away = |t: &Target| (t.center - place).length() - t.radius;
@@ -151,10 +156,9 @@ impl Group {
         let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
         let radius = 0.5 * (high - low).length() as f32;
         let near = nearest(targets, (0.5 * (low + high)).as_vec3()).max(NEAREST * radius);
-        let strength = |&m: &u32| cells[m as usize].radiance.element_sum() * cells[m as usize].area as f32;
+        let strength: f32 = members.iter().map(|&m| strength(&cells[m as usize])).sum();
         let ratio = radius / near.max(f32::MIN_POSITIVE);
-        let cost =
-            if members.len() < 2 { 0.0 } else { members.iter().map(strength).sum::<f32>() * ratio * ratio };
+        let cost = if members.len() < 2 { 0.0 } else { strength * ratio * ratio };
         Self { members, low, high, cost }
     }
 
@@ -428,7 +432,7 @@ mod tests {
             for source in &sources {
                 let Kind::Cells { members, .. } = &source.kind else { panic!("not of cells") };
                 held.extend(members);
-                // A box of one bulb is √3 times its diameter wide.
+                // Places of one bulb are within its diameter of each other; those of two are 98 of its radii apart.
                 assert!(source.radius < 1.8 * bulb, "{limit}: {}", source.radius);
             }
             held.sort_unstable();
