@@ -17,7 +17,7 @@ use crate::display::Displayed;
 use crate::draft::Draft;
 use crate::face::faces;
 use crate::field::{Values, mean};
-use crate::final_gather::{Coarse, Sight, final_gather};
+use crate::final_gather::{Coarse, Sight, final_gather, spread};
 use crate::fit::FitParams;
 use crate::frames::Frames;
 use crate::lattice::{Lattice, spacing_for};
@@ -139,10 +139,11 @@ impl SolveParams {
                 max_details: DETAILS_PER_TRIANGLE * base_triangles,
             },
             near_light: NearLightParams {
-                tolerance: 0.1,
+                tolerance: 0.05,
                 floor: 0.03,
-                ratio: 1.2,
+                ratio: 0.8,
                 shortest: 0.1,
+                shortest_shared: 0.25,
                 rounds: near_light_rounds,
                 share: 0.7,
                 max_triangles: NEAR_LIGHT_PER_TRIANGLE * base_triangles,
@@ -318,25 +319,6 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         values.values.iter_mut().zip(caustic.on(&draft)).for_each(|(light, more)| *light += more);
     }
 
-    // A finer mesh of the gathers where light on near surfaces changes.
-    let light = NearLight {
-        tracer,
-        displayed: &displayed,
-        patches: &patches,
-        irradiance: &values.values,
-        mean: mean(&draft, &values.values),
-        sharing: &values.sharing,
-        spacing,
-        seed: params.seed,
-    };
-    let mut of_gathers: Vec<u32> = (0..base_vertices as u32).collect();
-    if light.refine(&mut mesh_of_gathers, &near, &distances, &params.near_light) {
-        of_gathers = draft.split_as(tracer, &mesh_of_gathers, base_vertices);
-        displayed = draft.display(tracer);
-        draft.fill(&mut sources, SourceLight::mean);
-        draft.fill(&mut values.values, |a, b| (a + b) * 0.5);
-    }
-
     // The coarse solve.
     let sent = patch_sources(&displayed, &patches, &values.values);
     let locator = PatchLocator { mesh: &base.mesh, of_element: &of_element };
@@ -357,6 +339,28 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         report.notes.push(format!("only the first {MAX_FRAMES} frames of the solver were kept"));
     }
     report.row_ledger = mean_ledger(&patches, &rows);
+
+    // A finer mesh of the gathers where the light of near surfaces bends.
+    let coarse_light = spread(&draft, &patches, &indirect);
+    let all: Vec<Rgb> = values.values.iter().zip(coarse_light).map(|(sent, more)| *sent + more).collect();
+    let light = NearLight {
+        tracer,
+        displayed: &displayed,
+        patches: &patches,
+        irradiance: &all,
+        sources: &values.values,
+        mean: mean(&draft, &all),
+        sharing: &values.sharing,
+        spacing,
+        seed: params.seed,
+    };
+    let mut of_gathers: Vec<u32> = (0..base_vertices as u32).collect();
+    if light.refine(&mut mesh_of_gathers, &near, &distances, &params.near_light) {
+        of_gathers = draft.split_as(tracer, &mesh_of_gathers, base_vertices);
+        displayed = draft.display(tracer);
+        draft.fill(&mut sources, SourceLight::mean);
+        draft.fill(&mut values.values, |a, b| (a + b) * 0.5);
+    }
 
     // The light as it spread.
     let frames = (params.coarse.every > 0).then(|| {

@@ -1,5 +1,6 @@
 //! Where the light of near surfaces bends between the vertices of the gathers, such as where a shadow meets the foot of what throws
-//! it: their mesh is finer there.
+//! it, or below a shelf: their mesh is finer there. Surfaces send what sources and the coarse solution bring them: the wall below a shelf that is
+//! lit by other walls alone has an edge of shadow, too.
 //!
 //! The file `spill` knows where it comes through gaps.
 //!
@@ -35,8 +36,10 @@ pub struct NearLightParams {
     pub floor: f32,
     /// Edges are looked at that are longer than this multiple of the harmonic mean distance of what is seen from them.
     pub ratio: f32,
-    /// … and than this multiple of the spacing.
+    /// … and than this multiple of the spacing, …
     pub shortest: f32,
+    /// … or than this one, if an end shares what it gathers with vertices around it.
+    pub shortest_shared: f32,
     /// Times that they are halved.
     pub rounds: u32,
     /// Triangles that this may add for each base triangle, about.
@@ -51,10 +54,6 @@ const RAYS: u32 = 32;
 const FEW_RAYS: u32 = 8;
 /// A difference counts if it is more than this multiple of its standard error.
 const SIGNIFICANT: f32 = 2.0;
-
-/// By how much of a difference in what is sent the light in the middle of an edge differs from the mean of its ends, at most: an upright
-/// surface fills half of what a vertex sees, and the middle may be as one of the ends.
-const MOST_BEND: f32 = 0.25;
 
 /// What a vertex sees.
 #[derive(Clone, Debug)]
@@ -87,13 +86,15 @@ impl Known {
     }
 }
 
-/// The light that surfaces send first, where a mesh knows it.
+/// The light of surfaces, where a mesh knows it.
 pub(crate) struct NearLight<'a> {
     pub(crate) tracer: &'a Tracer<'a>,
     pub(crate) displayed: &'a Displayed,
     pub(crate) patches: &'a PatchMesh,
-    /// Irradiance per draft vertex.
+    /// Irradiance per draft vertex, by sources and the coarse solution.
     pub(crate) irradiance: &'a [Rgb],
+    /// … by sources alone.
+    pub(crate) sources: &'a [Rgb],
     /// The mean of its largest channel.
     pub(crate) mean: f32,
     /// Vertices that share have no gathers of their own.
@@ -118,18 +119,18 @@ impl NearLight<'_> {
         }
         let mut hidden = near.hidden_vertices(draft);
         let mut known = Known {
-            light: self.irradiance[..draft.vertices.len()].iter().map(|e| e.max_element()).collect(),
+            light: self.sources[..draft.vertices.len()].iter().map(|e| e.max_element()).collect(),
             seen: Vec::new(),
         };
         let more = ((params.share * draft.roots as f32) as usize).min(params.max_triangles);
         let limit = draft.leaves.len() + more;
-        let sent = self.sent();
-        let mut changes = self.changes(near, draft, &sent, &known.light, params);
-        let mut spills = self.spills(near, draft, &sent, &known.light, params);
-        for (v, changes) in changes.iter_mut().enumerate().filter(|(v, _)| spills[*v] < f32::INFINITY) {
-            draft.vertices[v].gather_there();
-            *changes = true;
+        let mut spills = self.spills(near, draft, params);
+        for (vertex, &gap) in draft.vertices.iter_mut().zip(&spills) {
+            if gap < f32::INFINITY {
+                vertex.gather_there();
+            }
         }
+        let looked_at = draft.vertices.len();
         let mut candidates = draft.edges();
         let mut active = draft.active_vertices();
         for _ in 0..params.rounds {
@@ -139,8 +140,9 @@ impl NearLight<'_> {
             candidates.retain(|&(a, b)| {
                 let length = draft.length((a, b));
                 let spill = spills[a as usize].min(spills[b as usize]);
-                length > spill.min(params.shortest * self.spacing)
-                    && (changes[a as usize] || changes[b as usize])
+                let shares = |v: u32| (v as usize) < looked_at && self.sharing.shares(v);
+                let shortest = if shares(a) || shares(b) { params.shortest_shared } else { params.shortest };
+                length > spill.min(shortest * self.spacing)
                     && (spill < f32::INFINITY || !(is_far(a, length) && is_far(b, length)))
                     && !hidden[a as usize]
                     && !hidden[b as usize]
@@ -156,7 +158,6 @@ impl NearLight<'_> {
             let marks: Vec<(u32, u32)> = marks.into_iter().map(|(_, edge)| edge).collect();
             draft.split(self.tracer, &marks);
             draft.fill(&mut known.light, |a, b| 0.5 * (a + b));
-            draft.fill(&mut changes, |a, b| a || b);
             spill::inherit(draft, &mut spills);
             draft.fill(&mut hidden, |a, b| a && b);
             // New edges are looked at next, and the halves of those that are split beside larger triangles.
@@ -215,44 +216,18 @@ impl NearLight<'_> {
         candidates.into_iter().zip(middles).filter_map(bent).collect()
     }
 
-    /// Per base triangle: the least and the most that its places send, the largest channel, times π.
-    fn sent(&self) -> Vec<(f32, f32)> {
-        let mut range = vec![(f32::INFINITY, 0.0_f32); self.patches.of_root.len()];
+    /// Per base triangle: the most that its places send, the largest channel, times π.
+    fn sent(&self) -> Vec<f32> {
+        let mut most = vec![0.0_f32; self.patches.of_root.len()];
         for (element, &root) in self.displayed.mesh.elements.iter().zip(&self.displayed.roots) {
             let reflectance = self.patches.reflectances[self.patches.of_root[root as usize].0 as usize];
             for &v in &element.vertices {
                 let irradiance = self.irradiance[self.displayed.origin[v as usize] as usize];
-                let sent = (irradiance * reflectance).max_element();
-                let (least, most) = &mut range[root as usize];
-                (*least, *most) = (least.min(sent), most.max(sent));
+                let most = &mut most[root as usize];
+                *most = most.max((irradiance * reflectance).max_element());
             }
         }
-        range
-    }
-
-    /// Per vertex: whether it gathers for itself and light changes on a base triangle that it sees near by; or whether an end of the
-    /// edge does that it halves.
-    fn changes(
-        &self,
-        near: &Near,
-        draft: &Draft,
-        sent: &[(f32, f32)],
-        light: &[f32],
-        params: &NearLightParams,
-    ) -> Vec<bool> {
-        let mut changes = Vec::with_capacity(draft.vertices.len());
-        for (index, vertex) in draft.vertices.iter().enumerate() {
-            let shown = light[index] + params.floor * self.mean;
-            changes.push(match vertex.parents {
-                Some([a, b]) => changes[a as usize] || changes[b as usize],
-                None if self.sharing.shares(index as u32) => false,
-                None => near.beside(index as u32).iter().any(|&root| {
-                    let (least, most) = sent[root as usize];
-                    MOST_BEND * (most - least) > params.tolerance * shown
-                }),
-            });
-        }
-        changes
+        most
     }
 
     /// Has vertices look around by so many rays that have not yet.
@@ -366,6 +341,7 @@ mod tests {
             displayed: &displayed,
             patches: &patches,
             irradiance: &irradiance,
+            sources: &irradiance,
             mean: 0.3,
             sharing: &Sharing::new(&tracer, &finer, spacing, 0.1 * spacing, 1000, &[]),
             spacing,
@@ -376,6 +352,7 @@ mod tests {
             floor: 0.03,
             ratio: 1.2,
             shortest: 0.1,
+            shortest_shared: 0.25,
             rounds: 4,
             share: 10.0,
             max_triangles: 3000,

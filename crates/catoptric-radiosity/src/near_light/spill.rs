@@ -13,6 +13,8 @@ use super::{FEW_RAYS, NearLight, NearLightParams, RAYS, Surplus};
 const SPILL: f32 = 0.5;
 /// … unless the gap is below this multiple of the spacing, as between books: nobody sees what is as narrow.
 const NARROW: f32 = 0.02;
+/// … and on along the gap as long as there is more by this share.
+const LEAST_SPILL: f32 = 0.1;
 /// By how much of what a surface sends the light beside it may be more there than farther off, at most: beyond its edge, half of it is seen.
 const MOST_SPILL: f32 = 0.5;
 
@@ -35,14 +37,8 @@ impl NearLight<'_> {
     /// Per vertex: how large the gap is below what hangs or stands beside it, metres, where light comes through, such as from the back of a
     /// window's frame before the bright window; infinity for all others. It was to gather farther off, as the dark that shows through most
     /// gaps is narrower than elements.
-    pub(super) fn spills(
-        &self,
-        near: &Near,
-        draft: &Draft,
-        sent: &[(f32, f32)],
-        light: &[f32],
-        params: &NearLightParams,
-    ) -> Vec<f32> {
+    pub(super) fn spills(&self, near: &Near, draft: &Draft, params: &NearLightParams) -> Vec<f32> {
+        let sent = self.sent();
         let floor = params.floor * self.mean;
         let size = |vertex: &DraftVertex| vertex.outlook.distance(vertex.position) / BESIDE_GAP;
         let is_beside = |v: u32| {
@@ -51,8 +47,8 @@ impl NearLight<'_> {
         };
         let mut may_spill: Vec<bool> = Vec::with_capacity(draft.vertices.len());
         for (v, vertex) in (0_u32..).zip(&draft.vertices) {
-            let is_bright =
-                |&root: &u32| MOST_SPILL * sent[root as usize].1 > SPILL * (light[v as usize] + floor);
+            let shown = self.irradiance[v as usize].max_element() + floor;
+            let is_bright = |&root: &u32| MOST_SPILL * sent[root as usize] > SPILL * shown;
             let is_near_bright = match vertex.parents {
                 Some([a, b]) => may_spill[a as usize] || may_spill[b as usize],
                 None => near.beside(v).iter().any(is_bright),
@@ -64,7 +60,8 @@ impl NearLight<'_> {
             let receivers = [draft.receiver(self.tracer, v), draft.gatherer(self.tracer, v)];
             let [here, off] = receivers.map(|receiver| self.seen_from(&receiver, rays));
             let more = here.irradiance.iter().zip(&off.irradiance).map(|(here, off)| here - off);
-            let (more, shown) = (Surplus::of(more), light[v as usize] + off.total() + floor);
+            let more = Surplus::of(more);
+            let shown = self.sources[v as usize].max_element() + off.total() + floor;
             (more.sum > least * shown).then_some(more)
         };
         let ask = |vertices: &[u32], spills: &(dyn Fn(u32) -> bool + Sync)| -> Vec<(u32, f32)> {
@@ -96,7 +93,7 @@ impl NearLight<'_> {
                     }
                 }
             }
-            found = ask(&next, &|v| more(v, RAYS, params.tolerance).is_some());
+            found = ask(&next, &|v| more(v, RAYS, LEAST_SPILL).is_some());
         }
         sizes
     }
