@@ -140,7 +140,7 @@ impl SolveParams {
             },
             near_light: NearLightParams {
                 tolerance: 0.05,
-                floor: 0.03,
+                floor: 0.1,
                 ratio: 0.8,
                 shortest: 0.1,
                 shortest_shared: 0.25,

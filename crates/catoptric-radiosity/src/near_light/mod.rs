@@ -30,7 +30,8 @@ use crate::sharing::Sharing;
 /// How fine the mesh of the gathers is where the light of near surfaces bends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearLightParams {
-    /// Difference between the middle of an edge and the mean of its ends that is left alone, relative to the light there.
+    /// Difference between the middle of an edge and the mean of its ends that is left alone, relative to the light there: of edges half
+    /// as long as the spacing and longer ones. It shows by the area that it covers: of shorter ones more, by the root of their length.
     pub tolerance: f32,
     /// Light below this share of the mean counts as this much.
     pub floor: f32,
@@ -52,6 +53,8 @@ pub struct NearLightParams {
 const RAYS: u32 = 32;
 /// … and by which it looks first, to see whether it is worth it.
 const FEW_RAYS: u32 = 8;
+/// Multiple of the spacing from which edges are long.
+const WIDE: f32 = 0.5;
 /// A difference counts if it is more than this multiple of its standard error.
 const SIGNIFICANT: f32 = 2.0;
 
@@ -175,7 +178,7 @@ impl NearLight<'_> {
         is_split
     }
 
-    /// The edges in whose middle light is not what their ends foretell, with the difference relative to the light there.
+    /// The edges in whose middle light is not what their ends foretell, with the difference as a multiple of what is left alone.
     fn bent(
         &self,
         draft: &mut Draft,
@@ -185,6 +188,9 @@ impl NearLight<'_> {
         params: &NearLightParams,
     ) -> Vec<(f32, (u32, u32))> {
         let floor = params.floor * self.mean;
+        let tolerance = |draft: &Draft, ends: (u32, u32)| {
+            params.tolerance * (WIDE * self.spacing / draft.length(ends)).max(1.0).sqrt()
+        };
         // Where light spills through a gap it is known to bend: few rays need not tell.
         let is_spill = |a: u32, b: u32| spills[a as usize].min(spills[b as usize]) < f32::INFINITY;
         let ends = |candidates: &[(u32, u32)]| candidates.iter().flat_map(|&(a, b)| [a, b]).collect();
@@ -195,7 +201,7 @@ impl NearLight<'_> {
             let shown = 0.5
                 * (known.light[a as usize] + known.light[b as usize] + one.total() + other.total())
                 + floor;
-            let differ = || (one.total() - other.total()).abs() > params.tolerance * shown;
+            let differ = || (one.total() - other.total()).abs() > tolerance(draft, (a, b)) * shown;
             is_spill(a, b)
                 || draft.length((a, b)) > params.ratio * one.distance.min(other.distance) && differ()
         });
@@ -211,7 +217,8 @@ impl NearLight<'_> {
             let bend = if is_spill(a, b) || bend.is_significant() { bend.sum.abs() } else { 0.0 };
             let foretold = 0.5 * (one.total() + other.total());
             let shown = known.light[middle as usize] + 0.5 * (own.total() + foretold) + floor;
-            (bend > params.tolerance * shown).then_some((bend / shown, (a, b)))
+            let excess = bend / (tolerance(draft, (a, b)) * shown);
+            (excess > 1.0).then_some((excess, (a, b)))
         };
         candidates.into_iter().zip(middles).filter_map(bent).collect()
     }
