@@ -305,18 +305,19 @@ pub struct Surroundings {
 /// Share of rays that meet black backs beyond which a place counts as hidden: a place beside a single sheet sees half.
 const HIDDEN_SHARE: f32 = 0.9;
 
-/// Looks around with `rays` hemisphere rays; `visit` is told what each meets, by its number, and where.
+/// Looks around with some hemisphere rays of a sequence; `visit` is told what each meets, by its number, and where.
 pub fn look_around(
     tracer: &Tracer,
     receiver: &Receiver,
-    rays: u32,
+    part: Range<u32>,
     key: Key,
     mut visit: impl FnMut(u32, &Hit, Vec3),
 ) -> Surroundings {
     let (tangent, bitangent) = frame(receiver.normal);
     let mut inverse = 0.0_f32;
     let mut backs = 0;
-    for index in 0..rays {
+    let rays = part.len() as f32;
+    for index in part {
         let local = cosine_hemisphere(key.point2(index));
         let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
         let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
@@ -327,7 +328,7 @@ pub fn look_around(
         }
     }
     Surroundings {
-        distance: if inverse > 0.0 { rays as f32 / inverse } else { f32::INFINITY },
-        hidden: backs as f32 > HIDDEN_SHARE * rays as f32,
+        distance: if inverse > 0.0 { rays / inverse } else { f32::INFINITY },
+        hidden: backs as f32 > HIDDEN_SHARE * rays,
     }
 }

@@ -154,7 +154,7 @@ fn glances(tracer: &Tracer, faces: &[FaceDraft], areas: &[f32]) -> Vec<Glance> {
             let (face, key) = (&faces[at], key_of(index));
             let (u, v) = triangle_point(key.point2(1));
             let receiver = Receiver::on(tracer, triangle, face.side, Barycentric { u, v });
-            let around = look_around(tracer, &receiver, RAYS, key.child(1), |_, _, _: Vec3| {});
+            let around = look_around(tracer, &receiver, 0..RAYS, key.child(1), |_, _, _: Vec3| {});
             Glance { face: at, area: areas[at].sqrt() * step as f32, around }
         })
         .collect()

@@ -251,7 +251,7 @@ fn surroundings(
     visit: impl FnMut(u32, &catoptric_trace::Hit, Vec3),
 ) -> Surroundings {
     let key = Key::new(seed, Purpose::Hemisphere, u64::from(vertex) | 1 << 41);
-    look_around(tracer, &draft.gatherer(tracer, vertex), rays, key, visit)
+    look_around(tracer, &draft.gatherer(tracer, vertex), 0..rays, key, visit)
 }
 
 #[cfg(test)]

@@ -63,15 +63,18 @@ const SIGNIFICANT: f32 = 2.0;
 struct Seen {
     /// Rays that it took.
     rays: u32,
-    /// Irradiance by what surfaces send first, ray by ray: the largest channel.
+    /// Irradiance if all rays met what this one does, by what surfaces send first: the largest channel.
     irradiance: [f32; RAYS as usize],
     /// Harmonic mean distance, metres.
     distance: f32,
 }
 
 impl Seen {
+    /// Before the first look.
+    const NOTHING: Self = Self { rays: 0, irradiance: [0.0; RAYS as usize], distance: f32::INFINITY };
+
     fn total(&self) -> f32 {
-        self.irradiance.iter().sum()
+        self.irradiance.iter().sum::<f32>() / self.rays as f32
     }
 }
 
@@ -245,27 +248,33 @@ impl NearLight<'_> {
             asked[v as usize] = true;
         }
         seen.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(|(vertex, seen)| {
-            if asked[vertex] && seen.as_ref().is_none_or(|seen| seen.rays < rays) {
-                *seen = Some(self.seen(draft, vertex as u32, rays));
+            if asked[vertex] {
+                let seen = seen.get_or_insert(Seen::NOTHING);
+                self.look_from(&draft.gatherer(self.tracer, vertex as u32), rays, seen);
             }
         });
     }
 
-    /// What a vertex sees.
-    fn seen(&self, draft: &Draft, vertex: u32, rays: u32) -> Seen {
-        self.seen_from(&draft.gatherer(self.tracer, vertex), rays)
+    /// What a receiver sees by so many rays.
+    fn seen_from(&self, receiver: &Receiver, rays: u32) -> Seen {
+        let mut seen = Seen::NOTHING;
+        self.look_from(receiver, rays, &mut seen);
+        seen
     }
 
-    /// What a receiver sees.
-    fn seen_from(&self, receiver: &Receiver, rays: u32) -> Seen {
+    /// Has a receiver look on until it has seen so many rays.
+    fn look_from(&self, receiver: &Receiver, rays: u32, seen: &mut Seen) {
+        if seen.rays >= rays {
+            return;
+        }
         let key = Key::new(self.seed, Purpose::Hemisphere, 1 << 40);
-        let mut irradiance = [0.0; RAYS as usize];
-        let around = look_around(self.tracer, receiver, rays, key, |index, hit, position| {
+        let around = look_around(self.tracer, receiver, seen.rays..rays, key, |index, hit, position| {
             let side = if hit.back { Side::Back } else { Side::Front };
-            let radiance = self.radiance(hit.triangle, side, position);
-            irradiance[index as usize] = radiance * (PI / rays as f32);
+            seen.irradiance[index as usize] = PI * self.radiance(hit.triangle, side, position);
         });
-        Seen { rays, irradiance, distance: around.distance }
+        let more = (rays - seen.rays) as f32;
+        seen.distance = rays as f32 / (seen.rays as f32 / seen.distance + more / around.distance);
+        seen.rays = rays;
     }
 
     /// What a place sends of the light that is known: the largest channel.
@@ -281,10 +290,10 @@ impl NearLight<'_> {
     }
 }
 
-/// Difference of the irradiance in the middle from the mean of the ends.
+/// What the middle of an edge sees more than the mean of its ends, by all rays.
 fn bend(one: &Seen, other: &Seen, middle: &Seen) -> Surplus {
     let ends = one.irradiance.iter().zip(&other.irradiance).map(|(a, b)| 0.5 * (a + b));
-    Surplus::of(ends.zip(&middle.irradiance).map(|(ends, m)| m - ends))
+    Surplus::of(ends.zip(&middle.irradiance).map(|(ends, m)| m - ends), RAYS)
 }
 
 /// What one place sees more than another by the same rays.
@@ -295,14 +304,16 @@ struct Surplus {
 }
 
 impl Surplus {
-    /// Of the differences, ray by ray.
-    fn of(differences: impl Iterator<Item = f32>) -> Self {
+    /// Of the differences ray by ray of so many rays.
+    fn of(differences: impl Iterator<Item = f32>, rays: u32) -> Self {
+        let each = 1.0 / rays as f32;
         let (mut sum, mut squares) = (0.0_f32, 0.0_f32);
-        for difference in differences {
+        for difference in differences.take(rays as usize) {
+            let difference = difference * each;
             sum += difference;
             squares += difference * difference;
         }
-        Self { sum, variance: (squares - sum * sum / RAYS as f32).max(0.0) }
+        Self { sum, variance: (squares - sum * sum * each).max(0.0) }
     }
 
     /// Whether the rays agree that there is one.

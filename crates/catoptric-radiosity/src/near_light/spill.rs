@@ -60,7 +60,7 @@ impl NearLight<'_> {
             let receivers = [draft.receiver(self.tracer, v), draft.gatherer(self.tracer, v)];
             let [here, off] = receivers.map(|receiver| self.seen_from(&receiver, rays));
             let more = here.irradiance.iter().zip(&off.irradiance).map(|(here, off)| here - off);
-            let more = Surplus::of(more);
+            let more = Surplus::of(more, rays);
             let shown = self.sources[v as usize].max_element() + off.total() + floor;
             (more.sum > least * shown).then_some(more)
         };
