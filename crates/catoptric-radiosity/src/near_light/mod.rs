@@ -2,11 +2,12 @@
 //! it, or below a shelf: their mesh is finer there. Surfaces send what sources and the coarse solution bring them: the wall below a shelf that is
 //! lit by other walls alone has an edge of shadow, too.
 //!
-//! The file `spill` knows where it comes through gaps.
+//! The file `spill` knows where it comes through gaps, `places` what small bright places, near or far, have in their way.
 //!
 //! Few rays tell, since the ends of an edge and its middle send the same: what they see in the distance, and the noise of it, is
 //! the same, too.
 
+mod places;
 mod spill;
 
 use std::f32::consts::PI;
@@ -26,6 +27,8 @@ use crate::gather::look_around;
 use crate::near::Near;
 use crate::patch::PatchMesh;
 use crate::sharing::Sharing;
+
+use places::{Lit, Places};
 
 /// How fine the mesh of the gathers is where the light of near surfaces bends.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,13 +85,27 @@ impl Seen {
 struct Known {
     /// Light of sources.
     light: Vec<f32>,
+    /// All light.
+    all: Vec<f32>,
     /// What they see, where they have looked.
     seen: Vec<Option<Seen>>,
+    /// What bright places send there, likewise.
+    lit: Vec<Option<Box<Lit>>>,
 }
 
 impl Known {
     fn seen(&self, vertex: u32) -> Option<&Seen> {
         self.seen.get(vertex as usize)?.as_ref()
+    }
+
+    fn lit(&self, vertex: u32) -> Option<&Lit> {
+        self.lit.get(vertex as usize)?.as_deref()
+    }
+
+    /// Gives new vertices of `draft` the mean of the edge that each halves.
+    fn fill(&mut self, draft: &Draft) {
+        draft.fill(&mut self.light, |a, b| 0.5 * (a + b));
+        draft.fill(&mut self.all, |a, b| 0.5 * (a + b));
     }
 }
 
@@ -124,10 +141,14 @@ impl NearLight<'_> {
             return is_split;
         }
         let mut hidden = near.hidden_vertices(draft);
+        let largest = |light: &[Rgb]| light[..draft.vertices.len()].iter().map(|e| e.max_element()).collect();
         let mut known = Known {
-            light: self.sources[..draft.vertices.len()].iter().map(|e| e.max_element()).collect(),
+            light: largest(self.sources),
+            all: largest(self.irradiance),
             seen: Vec::new(),
+            lit: Vec::new(),
         };
+        let places = Places::new(self, draft.most_weight);
         let more = ((params.share * draft.roots as f32) as usize).min(params.max_triangles);
         let limit = draft.leaves.len() + more;
         let mut spills = self.spills(near, draft, params);
@@ -148,13 +169,27 @@ impl NearLight<'_> {
                 let spill = spills[a as usize].min(spills[b as usize]);
                 let shares = |v: u32| (v as usize) < looked_at && self.sharing.shares(v);
                 let shortest = if shares(a) || shares(b) { params.shortest_shared } else { params.shortest };
-                length > spill.min(shortest * self.spacing)
-                    && (spill < f32::INFINITY || !(is_far(a, length) && is_far(b, length)))
-                    && !hidden[a as usize]
-                    && !hidden[b as usize]
+                length > spill.min(shortest * self.spacing) && !hidden[a as usize] && !hidden[b as usize]
             });
-            // The worst first: each edge makes two triangles, and its neighbours are halved.
-            let mut marks = self.bent(draft, candidates, &spills, &mut known, params);
+            let is_near = |&(a, b): &(u32, u32)| {
+                let length = draft.length((a, b));
+                spills[a as usize].min(spills[b as usize]) < f32::INFINITY
+                    || !(is_far(a, length) && is_far(b, length))
+            };
+            let near = candidates.iter().copied().filter(is_near).collect();
+            let mut marks = self.bent(draft, near, &spills, &mut known, params);
+            if !places.is_empty() {
+                let left_alone = |draft: &Draft, ends: (u32, u32), there: f32| {
+                    self.tolerance(draft, ends, params) * (there + params.floor * self.mean)
+                };
+                marks.extend(places.bent(self.tracer, draft, candidates, &mut known, left_alone));
+                marks.sort_by(|x, y| x.1.cmp(&y.1).then(y.0.total_cmp(&x.0)));
+                marks.dedup_by_key(|mark| mark.1);
+            }
+            // What shows most first: each edge makes two triangles, and its neighbours are halved.
+            for (excess, ends) in &mut marks {
+                *excess *= draft.length(*ends).powi(2);
+            }
             marks.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
             marks.truncate(limit.saturating_sub(draft.leaves.len()) / 3);
             if marks.is_empty() {
@@ -163,7 +198,7 @@ impl NearLight<'_> {
             is_split = true;
             let marks: Vec<(u32, u32)> = marks.into_iter().map(|(_, edge)| edge).collect();
             draft.split(self.tracer, &marks);
-            draft.fill(&mut known.light, |a, b| 0.5 * (a + b));
+            known.fill(draft);
             spill::inherit(draft, &mut spills);
             draft.fill(&mut hidden, |a, b| a && b);
             // New edges are looked at next, and the halves of those that are split beside larger triangles.
@@ -181,6 +216,11 @@ impl NearLight<'_> {
         is_split
     }
 
+    /// Difference of an edge's middle that is left alone, relative to the light there.
+    fn tolerance(&self, draft: &Draft, ends: (u32, u32), params: &NearLightParams) -> f32 {
+        params.tolerance * (WIDE * self.spacing / draft.length(ends)).max(1.0).sqrt()
+    }
+
     /// The edges in whose middle light is not what their ends foretell, with the difference as a multiple of what is left alone.
     fn bent(
         &self,
@@ -191,9 +231,6 @@ impl NearLight<'_> {
         params: &NearLightParams,
     ) -> Vec<(f32, (u32, u32))> {
         let floor = params.floor * self.mean;
-        let tolerance = |draft: &Draft, ends: (u32, u32)| {
-            params.tolerance * (WIDE * self.spacing / draft.length(ends)).max(1.0).sqrt()
-        };
         // Where light spills through a gap it is known to bend: few rays need not tell.
         let is_spill = |a: u32, b: u32| spills[a as usize].min(spills[b as usize]) < f32::INFINITY;
         let ends = |candidates: &[(u32, u32)]| candidates.iter().flat_map(|&(a, b)| [a, b]).collect();
@@ -204,13 +241,14 @@ impl NearLight<'_> {
             let shown = 0.5
                 * (known.light[a as usize] + known.light[b as usize] + one.total() + other.total())
                 + floor;
-            let differ = || (one.total() - other.total()).abs() > tolerance(draft, (a, b)) * shown;
+            let differ =
+                || (one.total() - other.total()).abs() > self.tolerance(draft, (a, b), params) * shown;
             is_spill(a, b)
                 || draft.length((a, b)) > params.ratio * one.distance.min(other.distance) && differ()
         });
         draft.make_midpoints(self.tracer, &candidates);
         let middles: Vec<u32> = candidates.iter().map(|&(a, b)| draft.midpoint(self.tracer, a, b)).collect();
-        draft.fill(&mut known.light, |a, b| 0.5 * (a + b));
+        known.fill(draft);
         let mut asked: Vec<u32> = ends(&candidates);
         asked.extend(&middles);
         self.look(draft, asked, RAYS, &mut known.seen);
@@ -220,7 +258,7 @@ impl NearLight<'_> {
             let bend = if is_spill(a, b) || bend.is_significant() { bend.sum.abs() } else { 0.0 };
             let foretold = 0.5 * (one.total() + other.total());
             let shown = known.light[middle as usize] + 0.5 * (own.total() + foretold) + floor;
-            let excess = bend / (tolerance(draft, (a, b)) * shown);
+            let excess = bend / (self.tolerance(draft, (a, b), params) * shown);
             (excess > 1.0).then_some((excess, (a, b)))
         };
         candidates.into_iter().zip(middles).filter_map(bent).collect()
@@ -229,15 +267,25 @@ impl NearLight<'_> {
     /// Per base triangle: the most that its places send, the largest channel, times π.
     fn sent(&self) -> Vec<f32> {
         let mut most = vec![0.0_f32; self.patches.of_root.len()];
-        for (element, &root) in self.displayed.mesh.elements.iter().zip(&self.displayed.roots) {
-            let reflectance = self.patches.reflectances[self.patches.of_root[root as usize].0 as usize];
+        for (index, element) in (0_u32..).zip(&self.displayed.mesh.elements) {
+            let reflectance = self.reflectance(index);
             for &v in &element.vertices {
-                let irradiance = self.irradiance[self.displayed.origin[v as usize] as usize];
-                let most = &mut most[root as usize];
-                *most = most.max((irradiance * reflectance).max_element());
+                let most = &mut most[self.displayed.roots[index as usize] as usize];
+                *most = most.max((self.of_shown(v) * reflectance).max_element());
             }
         }
         most
+    }
+
+    /// Reflectance of an element of the mesh that knows the light.
+    fn reflectance(&self, element: u32) -> Rgb {
+        let root = self.displayed.roots[element as usize] as usize;
+        self.patches.reflectances[self.patches.of_root[root].0 as usize]
+    }
+
+    /// Irradiance at a vertex of that mesh.
+    fn of_shown(&self, vertex: u32) -> Rgb {
+        self.irradiance[self.displayed.origin[vertex as usize] as usize]
     }
 
     /// Has vertices look around by so many rays that have not yet.
@@ -280,13 +328,9 @@ impl NearLight<'_> {
     /// What a place sends of the light that is known: the largest channel.
     fn radiance(&self, triangle: TriangleId, side: Side, position: Vec3) -> f32 {
         let Some(at) = self.displayed.mesh.locate(triangle, side, position) else { return 0.0 };
-        let root = self.displayed.roots[at.element as usize] as usize;
-        let reflectance = self.patches.reflectances[self.patches.of_root[root].0 as usize];
         let vertices = at.vertices.iter().zip(at.weights);
-        let irradiance: Rgb = vertices
-            .map(|(&v, weight)| self.irradiance[self.displayed.origin[v as usize] as usize] * weight)
-            .sum();
-        (irradiance * reflectance).max_element() / PI
+        let irradiance: Rgb = vertices.map(|(&v, weight)| self.of_shown(v) * weight).sum();
+        (irradiance * self.reflectance(at.element)).max_element() / PI
     }
 }
 
@@ -328,12 +372,21 @@ mod tests {
 
     use super::*;
     use crate::detail::is_inside;
+    use crate::draft::DraftVertex;
     use crate::lattice::Lattice;
     use crate::near::NearParams;
     use crate::solve::coarse_patches;
 
-    /// The mesh of the gathers on a floor and a wall, with what else is built, where such places hold light.
-    fn refined(build: impl FnOnce(&mut SceneParts, MaterialId), lit: impl Fn(Vec3) -> bool) -> Draft {
+    fn is_on_floor(vertex: &DraftVertex) -> bool {
+        vertex.position.y == 0.0 && vertex.normal == Vec3::Y
+    }
+
+    fn share(is_lit: bool) -> f32 {
+        f32::from(u8::from(is_lit))
+    }
+
+    /// The mesh of the gathers on a floor and a wall, with what else is built, where places hold so much light.
+    fn refined(build: impl FnOnce(&mut SceneParts, MaterialId), lit: impl Fn(&DraftVertex) -> f32) -> Draft {
         let mut parts = SceneParts::default();
         let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
         parts.add_quad("floor", white, Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0);
@@ -352,8 +405,7 @@ mod tests {
             finer.split(&tracer, &edges);
         }
         let displayed = finer.display(&tracer);
-        let irradiance: Vec<Rgb> =
-            finer.vertices.iter().map(|v| Rgb::splat(f32::from(u8::from(lit(v.position))))).collect();
+        let irradiance: Vec<Rgb> = finer.vertices.iter().map(|v| Rgb::splat(lit(v))).collect();
         let light = NearLight {
             tracer: &tracer,
             displayed: &displayed,
@@ -366,9 +418,9 @@ mod tests {
             seed: 0,
         };
         let params = NearLightParams {
-            tolerance: 0.1,
-            floor: 0.03,
-            ratio: 1.2,
+            tolerance: 0.05,
+            floor: 0.1,
+            ratio: 0.8,
             shortest: 0.1,
             shortest_shared: 0.25,
             rounds: 4,
@@ -379,10 +431,10 @@ mod tests {
         draft
     }
 
-    /// Shortest edge on the wall within 0.1 m of the floor and 0.2 m of `x`, and all its vertices, where the floor holds light up to
+    /// Shortest edge on the wall within 0.1 m of the floor and 0.2 m of `x`, and the number of vertices there, where the floor holds light up to
     /// the shadow at `shadow`.
     fn edges_at_foot(x: f32, shadow: f32) -> (f32, usize) {
-        let draft = refined(|_, _| {}, |p| p.y == 0.0 && p.x < shadow);
+        let draft = refined(|_, _| {}, |v| share(is_on_floor(v) && v.position.x < shadow));
         let at_foot = |v: u32| {
             let p = draft.vertices[v as usize].position;
             p.z == -2.0 && p.y < 0.1 && (p.x - x).abs() < 0.2
@@ -397,7 +449,8 @@ mod tests {
                 }
             }
         }
-        (shortest, draft.vertices.len())
+        let used = draft.active_vertices();
+        (shortest, (0..draft.vertices.len() as u32).filter(|&v| used[v as usize] && at_foot(v)).count())
     }
 
     /// Longest edge of the wall's triangles just beside a bar that stands 2 cm before it, and how far off its vertices there gather, metres.
@@ -406,7 +459,14 @@ mod tests {
         let (low, high) = (Vec3::new(0.4, 0.2, -1.98), Vec3::new(0.5, 1.8, -1.94));
         let draft = refined(
             |parts, white| parts.add_box("bar", white, low, high, false),
-            |p| lit && p.z == low.z && p.x >= low.x && p.x <= high.x,
+            |v| {
+                share(
+                    lit && v.position.z == low.z
+                        && v.normal == Vec3::NEG_Z
+                        && v.position.x >= low.x
+                        && v.position.x <= high.x,
+                )
+            },
         );
         let position = |v: u32| draft.vertices[v as usize].position;
         let (mut longest, mut off) = (0.0_f32, 0.0_f32);
@@ -448,5 +508,77 @@ mod tests {
         assert!(with > without, "{with} vertices, {without} where nothing changes");
         let (elsewhere, _) = edges_at_foot(-0.9, x);
         assert!(elsewhere > 0.25, "{elsewhere}");
+    }
+
+    /// Longest edge of the triangles of `draft` that hold such points.
+    fn longest_at(draft: &Draft, points: impl Iterator<Item = Vec3>) -> f32 {
+        let position = |v: u32| draft.vertices[v as usize].position;
+        let points: Vec<Vec3> = points.collect();
+        let mut longest = 0.0_f32;
+        for leaf in &draft.leaves {
+            for &corners in draft.closed(leaf).triangles() {
+                let [a, b, c] = corners.map(position);
+                let normal = (b - a).cross(c - a).normalize_or_zero();
+                let holds = |p: &Vec3| (*p - a).dot(normal).abs() < 1e-4 && is_inside(*p, [a, b, c]);
+                if points.iter().any(holds) {
+                    longest =
+                        [(a, b), (b, c), (c, a)].iter().fold(longest, |l, (p, q)| l.max(p.distance(*q)));
+                }
+            }
+        }
+        longest
+    }
+
+    #[test]
+    fn a_screen_before_a_wall_hides_a_floor_that_is_lit_all_over() {
+        let vertices = |lit: bool| {
+            let (low, high) = (Vec3::new(-1.5, 0.0, -1.9), Vec3::new(1.5, 0.5, -1.89));
+            let draft = refined(
+                |parts, white| parts.add_box("screen", white, low, high, false),
+                |v| share(lit && is_on_floor(v)),
+            );
+            let is_behind = |p: Vec3| p.z == -2.0 && p.x.abs() < 1.2 && (0.4..0.9).contains(&p.y);
+            let used = draft.active_vertices();
+            draft.vertices.iter().zip(used).filter(|(v, used)| *used && is_behind(v.position)).count()
+        };
+        // The floor is hidden up to 0.5 m, and most of it is seen from 0.7 m on.
+        let (dark, lit) = (vertices(false), vertices(true));
+        assert!(lit > 2 * dark, "{lit} vertices, {dark} without light");
+    }
+
+    #[test]
+    fn what_stands_before_a_small_bright_place_has_a_shadow_far_from_both() {
+        let draft = |lit: bool| {
+            refined(
+                |parts, white| {
+                    parts.add_quad(
+                        "ceiling",
+                        white,
+                        Vec3::new(-2.0, 2.0, -2.0),
+                        Vec3::X * 4.0,
+                        Vec3::Z * 4.0,
+                    );
+                    parts.add_box(
+                        "screen",
+                        white,
+                        Vec3::new(0.0, 1.0, -1.0),
+                        Vec3::new(1.0, 1.01, 1.0),
+                        false,
+                    );
+                },
+                |v| {
+                    let p = v.position;
+                    100.0 * share(lit && p.y == 2.0 && p.x.abs() < 0.15 && p.z.abs() < 0.15)
+                },
+            )
+        };
+        let [dark, lit] = [draft(false), draft(true)];
+        // Half of the place is hidden at x = 0, all and nothing of it 0.15 m beside: base edges are twice as long.
+        let edge = || (-5..6).map(|z| Vec3::new(0.01, 0.0, 0.1 * z as f32));
+        let [before, after] = [&dark, &lit].map(|draft| longest_at(draft, edge()));
+        assert!(before > 0.4 && after < 0.7 * before, "{after} m, {before} m without light");
+        let elsewhere = || (-9..10).map(|z| Vec3::new(-1.4, 0.0, 0.1 * z as f32));
+        let [before, after] = [&dark, &lit].map(|draft| longest_at(draft, elsewhere()));
+        assert_eq!(before, after);
     }
 }
