@@ -70,9 +70,9 @@ impl RenderParams {
     pub fn for_quality(quality: Quality, width: usize, height: usize) -> Self {
         // At 4e-4 the pixels of a furnace with glass stay within 1e-3; at 5e-4 but for one in twenty thousand.
         let (edge_samples, most_samples, noise, roulette_below) = match quality {
-            Quality::Sketch => (4, 4, 0.03, 5e-3),
-            Quality::Draft => (4, 128, 0.033, 2e-3),
-            Quality::Standard => (4, 256, 0.03, 4e-4),
+            Quality::Sketch => (4, 4, 0.05, 5e-3),
+            Quality::Draft => (4, 128, 0.05, 2e-3),
+            Quality::Standard => (4, 256, 0.045, 4e-4),
             Quality::High => (16, 256, 0.01, 4e-4),
         };
         // In a sketch or a draft it is enough to see where shadows fall.
