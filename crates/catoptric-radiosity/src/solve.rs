@@ -345,6 +345,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let all: Vec<Rgb> = values.values.iter().zip(coarse_light).map(|(sent, more)| *sent + more).collect();
     let light = NearLight {
         tracer,
+        lights: &lights,
         displayed: &displayed,
         patches: &patches,
         irradiance: &all,
@@ -352,6 +353,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         mean: mean(&draft, &all),
         sharing: &values.sharing,
         spacing,
+        walk: &params.walk,
         seed: params.seed,
     };
     let mut of_gathers: Vec<u32> = (0..base_vertices as u32).collect();

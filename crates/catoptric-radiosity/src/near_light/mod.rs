@@ -14,10 +14,11 @@ use std::f32::consts::PI;
 
 use rayon::prelude::*;
 
-use catoptric_light::Receiver;
+use catoptric_light::{Lights, Receiver};
 use catoptric_scene::{Rgb, Side, TriangleId};
-use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose};
+use catoptric_trace::walk::{self, WalkParams};
+use catoptric_trace::{Ledger, Ray, Tracer};
 use glam::Vec3;
 
 use crate::JOB;
@@ -58,6 +59,8 @@ const RAYS: u32 = 32;
 const FEW_RAYS: u32 = 8;
 /// Multiple of the spacing from which edges are long.
 const WIDE: f32 = 0.5;
+/// Difference of the ends of an edge, relative to the light there, from which on the edge may be shorter for what is near: by as much as it is more.
+const STARK: f32 = 0.3;
 /// A difference counts if it is more than this multiple of its standard error.
 const SIGNIFICANT: f32 = 2.0;
 
@@ -112,6 +115,7 @@ impl Known {
 /// The light of surfaces, where a mesh knows it.
 pub(crate) struct NearLight<'a> {
     pub(crate) tracer: &'a Tracer<'a>,
+    pub(crate) lights: &'a Lights<'a>,
     pub(crate) displayed: &'a Displayed,
     pub(crate) patches: &'a PatchMesh,
     /// Irradiance per draft vertex, by sources and the coarse solution.
@@ -123,6 +127,7 @@ pub(crate) struct NearLight<'a> {
     /// Vertices that share have no gathers of their own.
     pub(crate) sharing: &'a Sharing,
     pub(crate) spacing: f32,
+    pub(crate) walk: &'a WalkParams,
     pub(crate) seed: u32,
 }
 
@@ -241,10 +246,11 @@ impl NearLight<'_> {
             let shown = 0.5
                 * (known.light[a as usize] + known.light[b as usize] + one.total() + other.total())
                 + floor;
-            let differ =
-                || (one.total() - other.total()).abs() > self.tolerance(draft, (a, b), params) * shown;
+            let difference = (one.total() - other.total()).abs() / shown;
+            let ratio = params.ratio * (STARK / difference).min(1.0);
             is_spill(a, b)
-                || draft.length((a, b)) > params.ratio * one.distance.min(other.distance) && differ()
+                || difference > self.tolerance(draft, (a, b), params)
+                    && draft.length((a, b)) > ratio * one.distance.min(other.distance)
         });
         draft.make_midpoints(self.tracer, &candidates);
         let middles: Vec<u32> = candidates.iter().map(|&(a, b)| draft.midpoint(self.tracer, a, b)).collect();
@@ -318,19 +324,42 @@ impl NearLight<'_> {
         let key = Key::new(self.seed, Purpose::Hemisphere, 1 << 40);
         let around = look_around(self.tracer, receiver, seen.rays..rays, key, |index, hit, position| {
             let side = if hit.back { Side::Back } else { Side::Front };
-            seen.irradiance[index as usize] = PI * self.radiance(hit.triangle, side, position);
+            let way = position - receiver.position;
+            let sent = self.radiance(hit.triangle, side, position, way).unwrap_or_else(|| {
+                let is_passed_on = self.tracer.scene().material_of(hit.triangle).may_be_specular();
+                if is_passed_on { self.passed_on(receiver, way, key.child(index)) } else { 0.0 }
+            });
+            seen.irradiance[index as usize] = PI * sent;
         });
         let more = (rays - seen.rays) as f32;
         seen.distance = rays as f32 / (seen.rays as f32 / seen.distance + more / around.distance);
         seen.rays = rays;
     }
 
-    /// What a place sends of the light that is known: the largest channel.
-    fn radiance(&self, triangle: TriangleId, side: Side, position: Vec3) -> f32 {
-        let Some(at) = self.displayed.mesh.locate(triangle, side, position) else { return 0.0 };
+    /// What a place sends, against `way`, of the light that is known and as part of a broad emitter: the largest channel. `None` where it holds no
+    /// light and sends none.
+    fn radiance(&self, triangle: TriangleId, side: Side, position: Vec3, way: Vec3) -> Option<f32> {
+        let emitters = self.lights.emitters();
+        let emitted =
+            emitters.is_broad(triangle).then(|| emitters.broad_from(triangle, way.as_dvec3()).max_element());
+        let Some(at) = self.displayed.mesh.locate(triangle, side, position) else { return emitted };
         let vertices = at.vertices.iter().zip(at.weights);
         let irradiance: Rgb = vertices.map(|(&v, weight)| self.of_shown(v) * weight).sum();
-        (irradiance * self.reflectance(at.element)).max_element() / PI
+        let reflected = (irradiance * self.reflectance(at.element)).max_element() / PI;
+        Some(reflected + emitted.unwrap_or(0.0))
+    }
+
+    /// The same of what is seen over mirrors and through glass along a way from a receiver.
+    fn passed_on(&self, receiver: &Receiver, way: Vec3, key: Key) -> f32 {
+        let ray = Ray { origin: receiver.position, direction: way.normalize_or_zero(), from: receiver.plane };
+        let mut sum = 0.0;
+        let mut ledger = Ledger::default();
+        walk::choose(self.tracer, ray, receiver.media, Rgb::ONE, key, self.walk, &mut ledger, |arrival| {
+            let (triangle, side) = (arrival.hit.triangle, arrival.interaction.side);
+            let sent = self.radiance(triangle, side, arrival.position, arrival.direction);
+            sum += sent.unwrap_or(0.0) * arrival.throughput.max_element();
+        });
+        sum
     }
 }
 
@@ -368,6 +397,7 @@ impl Surplus {
 
 #[cfg(test)]
 mod tests {
+    use catoptric_light::LightParams;
     use catoptric_scene::{Material, MaterialId, Scene, SceneParts};
 
     use super::*;
@@ -408,6 +438,7 @@ mod tests {
         let irradiance: Vec<Rgb> = finer.vertices.iter().map(|v| Rgb::splat(lit(v))).collect();
         let light = NearLight {
             tracer: &tracer,
+            lights: &Lights::new(&tracer, LightParams::default()),
             displayed: &displayed,
             patches: &patches,
             irradiance: &irradiance,
@@ -415,6 +446,7 @@ mod tests {
             mean: 0.3,
             sharing: &Sharing::new(&tracer, &finer, spacing, 0.1 * spacing, 1000, &[]),
             spacing,
+            walk: &WalkParams::default(),
             seed: 0,
         };
         let params = NearLightParams {
