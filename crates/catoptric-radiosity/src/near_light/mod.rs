@@ -53,10 +53,12 @@ pub struct NearLightParams {
     pub max_triangles: usize,
 }
 
-/// Rays by which a vertex looks.
-const RAYS: u32 = 32;
-/// … and by which it looks first, to see whether it is worth it.
+/// Rays by which a vertex looks first, to see whether it is worth it.
 const FEW_RAYS: u32 = 8;
+/// … and then, twice as many each time, as long as they do not tell.
+const RAYS: [u32; 4] = [32, 64, 128, 256];
+/// Rays that a long edge is worth; shorter ones are worth as many less as they cover less.
+const MOST_RAYS: f32 = 256.0;
 /// Multiple of the spacing from which edges are long.
 const WIDE: f32 = 0.5;
 /// Difference of the ends of an edge, relative to the light there, from which on the edge may be shorter for what is near: by as much as it is more.
@@ -67,20 +69,18 @@ const SIGNIFICANT: f32 = 2.0;
 /// What a vertex sees.
 #[derive(Clone, Debug)]
 struct Seen {
-    /// Rays that it took.
-    rays: u32,
-    /// Irradiance if all rays met what this one does, by what surfaces send first: the largest channel.
-    irradiance: [f32; RAYS as usize],
+    /// Irradiance if all rays met what this one does, by what surfaces send first: the largest channel. Per ray.
+    irradiance: Vec<f32>,
     /// Harmonic mean distance, metres.
     distance: f32,
 }
 
 impl Seen {
     /// Before the first look.
-    const NOTHING: Self = Self { rays: 0, irradiance: [0.0; RAYS as usize], distance: f32::INFINITY };
+    const NOTHING: Self = Self { irradiance: Vec::new(), distance: f32::INFINITY };
 
     fn total(&self) -> f32 {
-        self.irradiance.iter().sum::<f32>() / self.rays as f32
+        self.irradiance.iter().sum::<f32>() / self.irradiance.len().max(1) as f32
     }
 }
 
@@ -255,19 +255,31 @@ impl NearLight<'_> {
         draft.make_midpoints(self.tracer, &candidates);
         let middles: Vec<u32> = candidates.iter().map(|&(a, b)| draft.midpoint(self.tracer, a, b)).collect();
         known.fill(draft);
-        let mut asked: Vec<u32> = ends(&candidates);
-        asked.extend(&middles);
-        self.look(draft, asked, RAYS, &mut known.seen);
-        let bent = |((a, b), middle): ((u32, u32), u32)| {
-            let (one, other, own) = (known.seen(a)?, known.seen(b)?, known.seen(middle)?);
-            let bend = bend(one, other, own);
-            let bend = if is_spill(a, b) || bend.is_significant() { bend.sum.abs() } else { 0.0 };
-            let foretold = 0.5 * (one.total() + other.total());
-            let shown = known.light[middle as usize] + 0.5 * (own.total() + foretold) + floor;
-            let excess = bend / (self.tolerance(draft, (a, b), params) * shown);
-            (excess > 1.0).then_some((excess, (a, b)))
-        };
-        candidates.into_iter().zip(middles).filter_map(bent).collect()
+        let mut open: Vec<((u32, u32), u32)> = candidates.into_iter().zip(middles).collect();
+        let mut bent = Vec::new();
+        for rays in RAYS {
+            let asked = open.iter().flat_map(|&((a, b), middle)| [a, b, middle]).collect();
+            self.look(draft, asked, rays, &mut known.seen);
+            open.retain(|&((a, b), middle)| {
+                let [Some(one), Some(other), Some(own)] = [a, b, middle].map(|v| known.seen(v)) else {
+                    return false;
+                };
+                let bend = bend(one, other, own, rays);
+                let foretold = 0.5 * (one.total() + other.total());
+                let shown = known.light[middle as usize] + 0.5 * (own.total() + foretold) + floor;
+                let left_alone = self.tolerance(draft, (a, b), params) * shown;
+                let is_bent = bend.sum.abs() > left_alone;
+                if is_bent && (is_spill(a, b) || bend.is_significant()) {
+                    bent.push((bend.sum.abs() / left_alone, (a, b)));
+                    return false;
+                }
+                // By the area that it covers it is worth more rays.
+                let wide = draft.length((a, b)) / (WIDE * self.spacing);
+                let is_worth = (2 * rays) as f32 <= MOST_RAYS * wide * wide;
+                !is_spill(a, b) && is_worth && (is_bent || bend.may_be(left_alone))
+            });
+        }
+        bent
     }
 
     /// Per base triangle: the most that its places send, the largest channel, times π.
@@ -318,11 +330,13 @@ impl NearLight<'_> {
 
     /// Has a receiver look on until it has seen so many rays.
     fn look_from(&self, receiver: &Receiver, rays: u32, seen: &mut Seen) {
-        if seen.rays >= rays {
+        let before = seen.irradiance.len() as u32;
+        if before >= rays {
             return;
         }
+        seen.irradiance.resize(rays as usize, 0.0);
         let key = Key::new(self.seed, Purpose::Hemisphere, 1 << 40);
-        let around = look_around(self.tracer, receiver, seen.rays..rays, key, |index, hit, position| {
+        let around = look_around(self.tracer, receiver, before..rays, key, |index, hit, position| {
             let side = if hit.back { Side::Back } else { Side::Front };
             let way = position - receiver.position;
             let sent = self.radiance(hit.triangle, side, position, way).unwrap_or_else(|| {
@@ -331,9 +345,8 @@ impl NearLight<'_> {
             });
             seen.irradiance[index as usize] = PI * sent;
         });
-        let more = (rays - seen.rays) as f32;
-        seen.distance = rays as f32 / (seen.rays as f32 / seen.distance + more / around.distance);
-        seen.rays = rays;
+        let more = (rays - before) as f32;
+        seen.distance = rays as f32 / (before as f32 / seen.distance + more / around.distance);
     }
 
     /// What a place sends, against `way`, of the light that is known and as part of a broad emitter: the largest channel. `None` where it holds no
@@ -363,10 +376,10 @@ impl NearLight<'_> {
     }
 }
 
-/// What the middle of an edge sees more than the mean of its ends, by all rays.
-fn bend(one: &Seen, other: &Seen, middle: &Seen) -> Surplus {
+/// What the middle of an edge sees more than the mean of its ends, by the first rays of each.
+fn bend(one: &Seen, other: &Seen, middle: &Seen, rays: u32) -> Surplus {
     let ends = one.irradiance.iter().zip(&other.irradiance).map(|(a, b)| 0.5 * (a + b));
-    Surplus::of(ends.zip(&middle.irradiance).map(|(ends, m)| m - ends), RAYS)
+    Surplus::of(ends.zip(&middle.irradiance).map(|(ends, m)| m - ends), rays)
 }
 
 /// What one place sees more than another by the same rays.
@@ -392,6 +405,11 @@ impl Surplus {
     /// Whether the rays agree that there is one.
     fn is_significant(self) -> bool {
         self.sum.abs() > SIGNIFICANT * self.variance.sqrt()
+    }
+
+    /// Whether it may be as much as that.
+    fn may_be(self, sum: f32) -> bool {
+        self.sum.abs() + SIGNIFICANT * self.variance.sqrt() > sum
     }
 }
 

@@ -71,7 +71,7 @@ impl NearLight<'_> {
         let mut sizes = vec![f32::INFINITY; draft.vertices.len()];
         let first: Vec<u32> = (0..may_spill.len() as u32).filter(|&v| may_spill[v as usize]).collect();
         let mut found = ask(&first, &|v| {
-            more(v, FEW_RAYS, SPILL).is_some() && more(v, RAYS, SPILL).is_some_and(Surplus::is_significant)
+            more(v, FEW_RAYS, SPILL).is_some() && more(v, RAYS[0], SPILL).is_some_and(Surplus::is_significant)
         });
         if found.is_empty() {
             return sizes;
@@ -93,7 +93,7 @@ impl NearLight<'_> {
                     }
                 }
             }
-            found = ask(&next, &|v| more(v, RAYS, LEAST_SPILL).is_some());
+            found = ask(&next, &|v| more(v, RAYS[0], LEAST_SPILL).is_some());
         }
         sizes
     }
