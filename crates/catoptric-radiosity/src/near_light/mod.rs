@@ -54,7 +54,7 @@ pub struct NearLightParams {
 }
 
 /// Rays by which a vertex looks first, to see whether it is worth it.
-const FEW_RAYS: u32 = 8;
+const FEW_RAYS: u32 = 16;
 /// … and then, twice as many each time, as long as they do not tell.
 const RAYS: [u32; 4] = [32, 64, 128, 256];
 /// Rays that a long edge is worth; shorter ones are worth as many less as they cover less.
@@ -81,6 +81,13 @@ impl Seen {
 
     fn total(&self) -> f32 {
         self.irradiance.iter().sum::<f32>() / self.irradiance.len().max(1) as f32
+    }
+
+    /// How much it is more or less than what another sees by the same rays.
+    fn difference(&self, other: &Self) -> f32 {
+        let rays = self.irradiance.len().min(other.irradiance.len());
+        let differences = self.irradiance.iter().zip(&other.irradiance).map(|(a, b)| a - b);
+        differences.sum::<f32>().abs() / rays.max(1) as f32
     }
 }
 
@@ -120,10 +127,10 @@ pub(crate) struct NearLight<'a> {
     pub(crate) patches: &'a PatchMesh,
     /// Irradiance per draft vertex, by sources and the coarse solution.
     pub(crate) irradiance: &'a [Rgb],
-    /// … by sources alone.
-    pub(crate) sources: &'a [Rgb],
     /// The mean of its largest channel.
     pub(crate) mean: f32,
+    /// Irradiance by sources alone.
+    pub(crate) sources: &'a [Rgb],
     /// Vertices that share have no gathers of their own.
     pub(crate) sharing: &'a Sharing,
     pub(crate) spacing: f32,
@@ -246,7 +253,7 @@ impl NearLight<'_> {
             let shown = 0.5
                 * (known.light[a as usize] + known.light[b as usize] + one.total() + other.total())
                 + floor;
-            let difference = (one.total() - other.total()).abs() / shown;
+            let difference = one.difference(other) / shown;
             let ratio = params.ratio * (STARK / difference).min(1.0);
             is_spill(a, b)
                 || difference > self.tolerance(draft, (a, b), params)
