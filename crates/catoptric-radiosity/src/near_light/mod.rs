@@ -54,7 +54,7 @@ pub struct NearLightParams {
 }
 
 /// Rays by which a vertex looks first, to see whether it is worth it.
-const FEW_RAYS: u32 = 16;
+const FEW_RAYS: u32 = 8;
 /// … and then, twice as many each time, as long as they do not tell.
 const RAYS: [u32; 4] = [32, 64, 128, 256];
 /// Rays that a long edge is worth; shorter ones are worth as many less as they cover less.
