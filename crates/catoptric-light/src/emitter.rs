@@ -312,13 +312,10 @@ impl Emitters {
         self.is_broad[triangle.index()]
     }
 
-    /// Radiance that a triangle sends against `direction` as part of a broad emitter.
-    pub fn broad_from(&self, triangle: TriangleId, direction: DVec3) -> Rgb {
-        if !self.is_broad(triangle) {
-            return Rgb::ZERO;
-        }
+    /// Radiance that a triangle sends against `direction` as part of a broad emitter; `None` if it is part of none.
+    pub fn broad_from(&self, triangle: TriangleId, direction: DVec3) -> Option<Rgb> {
         let is_seen = |cell: &&Cell| cell.triangles.contains(&triangle) && cell.normal.dot(direction) < 0.0;
-        self.broad.iter().filter(is_seen).map(|cell| cell.radiance).sum()
+        self.is_broad(triangle).then(|| self.broad.iter().filter(is_seen).map(|cell| cell.radiance).sum())
     }
 
     /// Radiance of all broad emitters that a straight line out of the plane `from` meets from the front, blocked or not.

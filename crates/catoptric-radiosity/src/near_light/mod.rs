@@ -2,33 +2,27 @@
 //! it, or below a shelf: their mesh is finer there. Surfaces send what sources and the coarse solution bring them: the wall below a shelf that is
 //! lit by other walls alone has an edge of shadow, too.
 //!
-//! The file `spill` knows where it comes through gaps, `places` what small bright places, near or far, have in their way.
+//! The file `look` sends rays, `spill` knows where light comes through gaps, `places` what small bright places, near or far, have in their way.
 //!
 //! Few rays tell, since the ends of an edge and its middle send the same: what they see in the distance, and the noise of it, is
 //! the same, too.
 
+mod look;
 mod places;
 mod spill;
 
-use std::f32::consts::PI;
+use catoptric_light::Lights;
+use catoptric_scene::Rgb;
+use catoptric_trace::Tracer;
+use catoptric_trace::walk::WalkParams;
 
-use rayon::prelude::*;
-
-use catoptric_light::{Lights, Receiver};
-use catoptric_scene::{Rgb, Side, TriangleId};
-use catoptric_trace::sequence::{Key, Purpose};
-use catoptric_trace::walk::{self, WalkParams};
-use catoptric_trace::{Ledger, Ray, Tracer};
-use glam::Vec3;
-
-use crate::JOB;
 use crate::display::Displayed;
 use crate::draft::{Draft, edge};
-use crate::gather::look_around;
 use crate::near::Near;
 use crate::patch::PatchMesh;
 use crate::sharing::Sharing;
 
+use look::{Seen, Surplus};
 use places::{Lit, Places};
 
 /// How fine the mesh of the gathers is where the light of near surfaces bends.
@@ -55,42 +49,13 @@ pub struct NearLightParams {
 
 /// Rays by which a vertex looks first, to see whether it is worth it.
 const FEW_RAYS: u32 = 8;
-/// … and then, twice as many each time, as long as they do not tell.
+/// … and then, twice as many each time, as long as they do not tell: the last ones are what a long edge is worth, shorter ones are worth as
+/// many less as they cover less.
 const RAYS: [u32; 4] = [32, 64, 128, 256];
-/// Rays that a long edge is worth; shorter ones are worth as many less as they cover less.
-const MOST_RAYS: f32 = 256.0;
 /// Multiple of the spacing from which edges are long.
 const WIDE: f32 = 0.5;
 /// Difference of the ends of an edge, relative to the light there, from which on the edge may be shorter for what is near: by as much as it is more.
 const STARK: f32 = 0.3;
-/// A difference counts if it is more than this multiple of its standard error.
-const SIGNIFICANT: f32 = 2.0;
-
-/// What a vertex sees.
-#[derive(Clone, Debug)]
-struct Seen {
-    /// Irradiance if all rays met what this one does, by what surfaces send first: the largest channel. Per ray.
-    irradiance: Vec<f32>,
-    /// Harmonic mean distance, metres.
-    distance: f32,
-}
-
-impl Seen {
-    /// Before the first look.
-    const NOTHING: Self = Self { irradiance: Vec::new(), distance: f32::INFINITY };
-
-    fn total(&self) -> f32 {
-        self.irradiance.iter().sum::<f32>() / self.irradiance.len().max(1) as f32
-    }
-
-    /// How much it is more or less than what another sees by the same rays.
-    fn difference(&self, other: &Self) -> f32 {
-        let rays = self.irradiance.len().min(other.irradiance.len());
-        let differences = self.irradiance.iter().zip(&other.irradiance).map(|(a, b)| a - b);
-        differences.sum::<f32>().abs() / rays.max(1) as f32
-    }
-}
-
 /// What is known of the vertices of the gathers.
 struct Known {
     /// Light of sources.
@@ -271,7 +236,7 @@ impl NearLight<'_> {
                 let [Some(one), Some(other), Some(own)] = [a, b, middle].map(|v| known.seen(v)) else {
                     return false;
                 };
-                let bend = bend(one, other, own, rays);
+                let bend = Surplus::of_middle(&own.irradiance, [&one.irradiance, &other.irradiance], rays);
                 let foretold = 0.5 * (one.total() + other.total());
                 let shown = known.light[middle as usize] + 0.5 * (own.total() + foretold) + floor;
                 let left_alone = self.tolerance(draft, (a, b), params) * shown;
@@ -282,7 +247,7 @@ impl NearLight<'_> {
                 }
                 // By the area that it covers it is worth more rays.
                 let wide = draft.length((a, b)) / (WIDE * self.spacing);
-                let is_worth = (2 * rays) as f32 <= MOST_RAYS * wide * wide;
+                let is_worth = (2 * rays) as f32 <= RAYS[RAYS.len() - 1] as f32 * wide * wide;
                 !is_spill(a, b) && is_worth && (is_bent || bend.may_be(left_alone))
             });
         }
@@ -312,118 +277,14 @@ impl NearLight<'_> {
     fn of_shown(&self, vertex: u32) -> Rgb {
         self.irradiance[self.displayed.origin[vertex as usize] as usize]
     }
-
-    /// Has vertices look around by so many rays that have not yet.
-    fn look(&self, draft: &Draft, vertices: Vec<u32>, rays: u32, seen: &mut Vec<Option<Seen>>) {
-        seen.resize(draft.vertices.len(), None);
-        let mut asked = vec![false; draft.vertices.len()];
-        for v in vertices {
-            asked[v as usize] = true;
-        }
-        seen.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(|(vertex, seen)| {
-            if asked[vertex] {
-                let seen = seen.get_or_insert(Seen::NOTHING);
-                self.look_from(&draft.gatherer(self.tracer, vertex as u32), rays, seen);
-            }
-        });
-    }
-
-    /// What a receiver sees by so many rays.
-    fn seen_from(&self, receiver: &Receiver, rays: u32) -> Seen {
-        let mut seen = Seen::NOTHING;
-        self.look_from(receiver, rays, &mut seen);
-        seen
-    }
-
-    /// Has a receiver look on until it has seen so many rays.
-    fn look_from(&self, receiver: &Receiver, rays: u32, seen: &mut Seen) {
-        let before = seen.irradiance.len() as u32;
-        if before >= rays {
-            return;
-        }
-        seen.irradiance.resize(rays as usize, 0.0);
-        let key = Key::new(self.seed, Purpose::Hemisphere, 1 << 40);
-        let around = look_around(self.tracer, receiver, before..rays, key, |index, hit, position| {
-            let side = if hit.back { Side::Back } else { Side::Front };
-            let way = position - receiver.position;
-            let sent = self.radiance(hit.triangle, side, position, way).unwrap_or_else(|| {
-                let is_passed_on = self.tracer.scene().material_of(hit.triangle).may_be_specular();
-                if is_passed_on { self.passed_on(receiver, way, key.child(index)) } else { 0.0 }
-            });
-            seen.irradiance[index as usize] = PI * sent;
-        });
-        let more = (rays - before) as f32;
-        seen.distance = rays as f32 / (before as f32 / seen.distance + more / around.distance);
-    }
-
-    /// What a place sends, against `way`, of the light that is known and as part of a broad emitter: the largest channel. `None` where it holds no
-    /// light and sends none.
-    fn radiance(&self, triangle: TriangleId, side: Side, position: Vec3, way: Vec3) -> Option<f32> {
-        let emitters = self.lights.emitters();
-        let emitted =
-            emitters.is_broad(triangle).then(|| emitters.broad_from(triangle, way.as_dvec3()).max_element());
-        let Some(at) = self.displayed.mesh.locate(triangle, side, position) else { return emitted };
-        let vertices = at.vertices.iter().zip(at.weights);
-        let irradiance: Rgb = vertices.map(|(&v, weight)| self.of_shown(v) * weight).sum();
-        let reflected = (irradiance * self.reflectance(at.element)).max_element() / PI;
-        Some(reflected + emitted.unwrap_or(0.0))
-    }
-
-    /// The same of what is seen over mirrors and through glass along a way from a receiver.
-    fn passed_on(&self, receiver: &Receiver, way: Vec3, key: Key) -> f32 {
-        let ray = Ray { origin: receiver.position, direction: way.normalize_or_zero(), from: receiver.plane };
-        let mut sum = 0.0;
-        let mut ledger = Ledger::default();
-        walk::choose(self.tracer, ray, receiver.media, Rgb::ONE, key, self.walk, &mut ledger, |arrival| {
-            let (triangle, side) = (arrival.hit.triangle, arrival.interaction.side);
-            let sent = self.radiance(triangle, side, arrival.position, arrival.direction);
-            sum += sent.unwrap_or(0.0) * arrival.throughput.max_element();
-        });
-        sum
-    }
-}
-
-/// What the middle of an edge sees more than the mean of its ends, by the first rays of each.
-fn bend(one: &Seen, other: &Seen, middle: &Seen, rays: u32) -> Surplus {
-    let ends = one.irradiance.iter().zip(&other.irradiance).map(|(a, b)| 0.5 * (a + b));
-    Surplus::of(ends.zip(&middle.irradiance).map(|(ends, m)| m - ends), rays)
-}
-
-/// What one place sees more than another by the same rays.
-#[derive(Clone, Copy, Debug)]
-struct Surplus {
-    sum: f32,
-    variance: f32,
-}
-
-impl Surplus {
-    /// Of the differences ray by ray of so many rays.
-    fn of(differences: impl Iterator<Item = f32>, rays: u32) -> Self {
-        let each = 1.0 / rays as f32;
-        let (mut sum, mut squares) = (0.0_f32, 0.0_f32);
-        for difference in differences.take(rays as usize) {
-            let difference = difference * each;
-            sum += difference;
-            squares += difference * difference;
-        }
-        Self { sum, variance: (squares - sum * sum * each).max(0.0) }
-    }
-
-    /// Whether the rays agree that there is one.
-    fn is_significant(self) -> bool {
-        self.sum.abs() > SIGNIFICANT * self.variance.sqrt()
-    }
-
-    /// Whether it may be as much as that.
-    fn may_be(self, sum: f32) -> bool {
-        self.sum.abs() + SIGNIFICANT * self.variance.sqrt() > sum
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use catoptric_light::LightParams;
     use catoptric_scene::{Material, MaterialId, Scene, SceneParts};
+
+    use glam::Vec3;
 
     use super::*;
     use crate::detail::is_inside;
@@ -633,6 +494,7 @@ mod tests {
         // Half of the place is hidden at x = 0, all and nothing of it 0.15 m beside: base edges are twice as long.
         let edge = || (-5..6).map(|z| Vec3::new(0.01, 0.0, 0.1 * z as f32));
         let [before, after] = [&dark, &lit].map(|draft| longest_at(draft, edge()));
+        // One halving of a right-angled triangle of the lattice, at its longest edge, leaves √½ = 0.71 of that.
         assert!(before > 0.4 && after < 0.7 * before, "{after} m, {before} m without light");
         let elsewhere = || (-9..10).map(|z| Vec3::new(-1.4, 0.0, 0.1 * z as f32));
         let [before, after] = [&dark, &lit].map(|draft| longest_at(draft, elsewhere()));

@@ -11,10 +11,10 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use catoptric_trace::{PlaneId, Tracer};
 use glam::Vec3;
 
-use crate::JOB;
 use crate::draft::Draft;
 
-use super::{Known, NearLight, Surplus};
+use super::look::{Surplus, at_asked};
+use super::{Known, NearLight};
 
 /// Points that stand for all bright places.
 const POINTS: u32 = 32;
@@ -135,8 +135,7 @@ impl Places {
         self.look(tracer, draft, middles.clone(), &mut known.lit);
         let excess = |((a, b), middle): ((u32, u32), u32)| {
             let (one, other, own) = (known.lit(a)?, known.lit(b)?, known.lit(middle)?);
-            let foretold = one.iter().zip(other).map(|(a, b)| 0.5 * (a + b));
-            let bend = Surplus::of(foretold.zip(own).map(|(ends, m)| m - ends), POINTS);
+            let bend = Surplus::of_middle(own, [one, other], POINTS);
             let there = known.all[middle as usize].max(total(own));
             let excess = bend.sum.abs() / left_alone(draft, (a, b), there);
             (bend.is_significant() && excess > 1.0).then_some((excess, (a, b)))
@@ -146,15 +145,8 @@ impl Places {
 
     /// Has vertices look that have not yet.
     fn look(&self, tracer: &Tracer, draft: &Draft, vertices: Vec<u32>, lit: &mut Vec<Option<Box<Lit>>>) {
-        lit.resize(draft.vertices.len(), None);
-        let mut asked = vec![false; draft.vertices.len()];
-        for v in vertices {
-            asked[v as usize] = true;
-        }
-        lit.par_iter_mut().enumerate().with_min_len(16).with_max_len(JOB).for_each(|(vertex, lit)| {
-            if asked[vertex] && lit.is_none() {
-                *lit = Some(Box::new(self.lit(tracer, &draft.gatherer(tracer, vertex as u32))));
-            }
+        at_asked(draft, vertices, lit, |vertex, lit| {
+            lit.get_or_insert_with(|| Box::new(self.lit(tracer, &draft.gatherer(tracer, vertex))));
         });
     }
 }

@@ -7,7 +7,8 @@ use crate::draft::{Draft, DraftVertex};
 use crate::inset::BESIDE_GAP;
 use crate::near::Near;
 
-use super::{FEW_RAYS, NearLight, NearLightParams, RAYS, Surplus};
+use super::look::Surplus;
+use super::{FEW_RAYS, NearLight, NearLightParams, RAYS};
 
 /// Light spills through a gap where there is more of it by this share of what is farther off: less hardly shows.
 const SPILL: f32 = 0.5;
