@@ -6,7 +6,7 @@
 use std::f32::consts::PI;
 use std::ops::Range;
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
 use catoptric_light::{Lights, Owner, PathClass, Receiver};
 use catoptric_scene::Rgb;
@@ -17,7 +17,7 @@ use catoptric_trace::walk::{self, Arrival, End, WalkParams};
 use catoptric_trace::{Chain, Hit, Ledger, MediumStack, Ray, Tracer};
 
 use crate::fit::variance_of_halves;
-use crate::guide::Guide;
+use crate::guide::{Aim, Guide};
 
 /// Irradiance that hemisphere rays found, by the class of the path from its source.
 #[derive(Clone, Copy, Debug, Default)]
@@ -82,8 +82,8 @@ pub fn gather(
 
 /// Who looks on while a gather sends its rays.
 pub trait Witness {
-    /// A ray came from this point of the unit square and found this radiance, all channels.
-    fn sent(&mut self, _point: Vec2, _radiance: f32) {}
+    /// A ray was sent like this and found this radiance, all channels.
+    fn sent(&mut self, _aim: &Aim, _radiance: f32) {}
     /// A place on the mesh was met; irradiance there counts `share`.
     fn met(&mut self, _located: &Located, _share: Rgb) {}
 }
@@ -116,15 +116,16 @@ pub fn gather_part(
         let half = usize::from(2 * (index - part.start) >= rays);
         let point =
             if controlled && half == 1 { key.child(SECOND_HALF).point2(index) } else { key.point2(index) };
+        let aim = guide.map_or(Aim::even(point), |guide| guide.warp(point));
         // What the ray counts, beside π/N.
-        let (point, share) = guide.map_or((point, 1.0), |guide| guide.warp(point));
-        let local = cosine_hemisphere(point);
+        let share = aim.share;
+        let local = cosine_hemisphere(aim.point);
         let direction = tangent * local.x + bitangent * local.y + receiver.normal * local.z;
         if direction.dot(receiver.geometric) <= 0.0 {
             // Below the surface itself: nothing arrives.
             ledger.absorbed += Rgb::splat(share).as_dvec3();
             halves[half].add(Rgb::ZERO, share);
-            witness.sent(point, 0.0);
+            witness.sent(&aim, 0.0);
             continue;
         }
         let weight = share * if coated { receiver.coat.transmittance(local.z) } else { 1.0 };
@@ -168,7 +169,7 @@ pub fn gather_part(
         let found = total - before;
         before = total;
         let single = found.element_sum() / share;
-        witness.sent(point, single);
+        witness.sent(&aim, single);
         halves[half].add(found, share);
         if controlled {
             let (origin, from) = (receiver.position.as_dvec3(), receiver.plane);

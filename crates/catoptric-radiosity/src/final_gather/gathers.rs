@@ -207,7 +207,7 @@ impl<'a> Gathers<'a> {
     }
 
     /// Half of the rays of the vertices.
-    pub(super) fn look(&self, light: &DiffuseLight) -> Vertices {
+    pub(super) fn look(&self, light: &DiffuseLight, spots: &Spots) -> Vertices {
         let Displayed { mesh, origin, .. } = &self.displayed;
         let (draft, params, sharing) = (self.draft, self.params, self.shared.sharing);
         let (mut rays, mut trust) = vertex_budgets(draft, &self.displayed, self.hidden, params, self.whole);
@@ -229,7 +229,7 @@ impl<'a> Gathers<'a> {
             .with_min_len(8)
             .with_max_len(JOB)
             .map(|&i| {
-                let mut witness = Linking::new(rays[i as usize], Findings::default());
+                let mut witness = Linking::new(rays[i as usize], Findings::default(), spots);
                 let found = self.around(light, origin[i as usize], rays[i as usize], 0, None, &mut witness);
                 witness.links.scale(1.0 / POINTS_AROUND as f32);
                 ((found, witness.links), witness.findings)
@@ -243,7 +243,7 @@ impl<'a> Gathers<'a> {
                 let v = origin[i as usize];
                 let receiver = draft.gatherer(self.lights.tracer(), v);
                 let first = self.first_rays(rays[i as usize]);
-                let mut witness = Linking::new(first, Findings::default());
+                let mut witness = Linking::new(first, Findings::default(), spots);
                 let found = self.gather(light, &receiver, 0..first, None, u64::from(v), &mut witness);
                 ((found, witness.links), witness.findings)
             })
@@ -302,6 +302,7 @@ impl<'a> Gathers<'a> {
         light: &DiffuseLight,
         vertices: &mut Vertices,
         guides: &[Guide],
+        spots: &Spots,
         budget: &Budget,
     ) {
         if !self.at_once {
@@ -322,7 +323,7 @@ impl<'a> Gathers<'a> {
                         return None;
                     }
                     let receiver = self.draft.gatherer(self.lights.tracer(), v);
-                    let mut witness = Linking::new(all - known, std::mem::take(findings));
+                    let mut witness = Linking::new(all - known, std::mem::take(findings), spots);
                     let more =
                         self.gather(light, &receiver, known..all, Some(guide), u64::from(v), &mut witness);
                     *findings = witness.findings;

@@ -7,10 +7,11 @@
 use catoptric_scene::Rgb;
 use catoptric_solution::DisplayMesh;
 use catoptric_solution::mesh::Located;
-use glam::Vec2;
 
 use crate::gather::Witness;
-use crate::guide::Findings;
+use crate::guide::{Aim, Findings, PlaceId};
+
+use super::spots::Spots;
 
 /// A place on the mesh that a gather met, and what irradiance there counts.
 #[derive(Clone, Copy, Debug)]
@@ -55,26 +56,30 @@ impl Links {
 }
 
 /// Keeps what a gather finds by direction, and what it meets.
-pub(super) struct Linking {
+pub(super) struct Linking<'a> {
     pub(super) findings: Findings,
     pub(super) links: Links,
+    spots: &'a Spots,
+    /// The bright place that the ray met.
+    place: Option<PlaceId>,
 }
 
-impl Linking {
+impl<'a> Linking<'a> {
     /// For a gather of so many rays that adds to what is known by direction.
-    pub(super) fn new(rays: u32, findings: Findings) -> Self {
-        Self { findings, links: Links::with_room(rays) }
+    pub(super) fn new(rays: u32, findings: Findings, spots: &'a Spots) -> Self {
+        Self { findings, links: Links::with_room(rays), spots, place: None }
     }
 }
 
-impl Witness for Linking {
+impl Witness for Linking<'_> {
     #[inline]
-    fn sent(&mut self, point: Vec2, radiance: f32) {
-        self.findings.add(point, radiance);
+    fn sent(&mut self, aim: &Aim, radiance: f32) {
+        self.findings.add(aim, radiance, self.place.take());
     }
 
     #[inline]
     fn met(&mut self, located: &Located, share: Rgb) {
+        self.place = self.place.or(self.spots.place_of(located.element));
         let [u, v, _] = located.weights;
         self.links.0.push(Link { element: located.element, weights: [u, v], share });
     }

@@ -192,13 +192,13 @@ pub(crate) fn final_gather(
     );
     progress.begin("gather", (samples.len() + gathers.displayed.origin.len()) as u64);
     let light = DiffuseLight { mesh, irradiance: &irradiance };
-    let mut vertices = gathers.look(&light);
-    // All guides stand before the first vertex finds more.
     let spots = Spots::new(lights.tracer(), sight, coarse.patches, &irradiance);
+    let mut vertices = gathers.look(&light, &spots);
+    // All guides stand before the first vertex finds more.
     let guides = gathers.guides(&vertices, &spots);
     let sources = sight.at_gathers(sight.sources);
     let budget = gathers.budget(&vertices, &guides, &sources, sight.mean(&irradiance));
-    gathers.look_again(&light, &mut vertices, &guides, &budget);
+    gathers.look_again(&light, &mut vertices, &guides, &spots, &budget);
     // Kilobytes each.
     drop(guides);
 
