@@ -13,6 +13,9 @@ use crate::refine::RefineParams;
 const STRAYED: f32 = 2.0;
 /// Neighbours that differ by this multiple of the tolerance do not share.
 const DOUBTFUL: f32 = 2.0;
+/// Difference along an edge, relative to the mean of its ends, from which on the mesh is not finer than the light on it: of the light that
+/// sources send if nothing blocks them, and of what was found.
+const STEEP: f32 = 0.5;
 
 impl Values {
     /// Where what is shared differs from one neighbour to the next, or from what is foretold, every vertex is evaluated: the worst first,
@@ -65,14 +68,18 @@ impl Values {
             self.values[vertex as usize] = value;
             self.sharing.ask(vertex);
         }
-        // Where it differs along edges as well they are as others.
-        let differ = |one: f32, other: f32| (one - other).abs() > most * 0.5 * (one + other);
+        // Where it differs along edges as well they are as others. So they are where none is off but edges are too long for the light along
+        // them: that of a lamp beside.
+        let contrast =
+            |[one, other]: [f32; 2]| (one - other).abs() / (0.5 * (one + other)).max(f32::MIN_POSITIVE);
         for (a, b) in edges {
-            if let [Some(one), Some(other)] = [a, b].map(|v| foretold[v as usize])
-                && differ(one, other)
-            {
-                for v in [a, b].into_iter().filter(|&v| strayed[v as usize] > most) {
-                    if self.sharing.is_asked(v) {
+            if let [Some(one), Some(other)] = [a, b].map(|v| foretold[v as usize]) {
+                let known = contrast([one, other]);
+                let found = || contrast([a, b].map(|v| self.values[v as usize].max_element() + floor));
+                let is_steep = known > STEEP && found() > STEEP;
+                for v in [a, b] {
+                    let differs = is_steep || known > most && strayed[v as usize] > most;
+                    if differs && self.sharing.is_asked(v) {
                         self.sharing.part(v);
                     }
                 }
