@@ -461,6 +461,11 @@ impl ImageChain {
         (self.even && !self.windows.is_empty()).then(|| (&self.equations[level..], self.planes[level]))
     }
 
+    /// Whether it is that of a small mirror.
+    pub fn is_of_facet(&self) -> bool {
+        self.reach.is_some()
+    }
+
     /// Product of the mirrors' largest reflectances.
     pub fn strength(&self) -> f32 {
         self.strength

@@ -273,7 +273,7 @@ impl<'a> Gathers<'a> {
     /// Where small bright places are seen from a gather, if they add to the variance of a ray that is known.
     fn hints(&self, spots: &Spots, receiver: &Receiver, known: f32, entity: u64) -> Hints {
         let key = Key::new(self.params.seed, Purpose::Hemisphere, entity | SPOTS);
-        spots.seen_from(self.lights.tracer(), receiver, known, key)
+        spots.seen_from(self.lights, receiver, known, key)
     }
 
     /// How many rays go where, by what the vertices found. `sources`: light of the sources per draft vertex; `mean`: of all light.

@@ -1,9 +1,9 @@
 //! The final gather: light that other diffuse surfaces send, at the vertices and inside the elements of a mesh, fitted, and
 //! corrected by what it found beyond what it saw.
 //!
-//! The file `gathers` sends the rays, `links` keeps what those of the vertices met, `spots` knows what is small and
-//! bright, `turns` shares out one sequence among the points inside the elements.
+//! The file `gathers` sends the rays, `links` keeps what those of the vertices met, `spots` knows what is small and bright (`bright` finds it), `turns` shares out one sequence among the points inside the elements.
 
+mod bright;
 mod gathers;
 mod links;
 mod spots;
@@ -192,7 +192,7 @@ pub(crate) fn final_gather(
     );
     progress.begin("gather", (samples.len() + gathers.displayed.origin.len()) as u64);
     let light = DiffuseLight { mesh, irradiance: &irradiance };
-    let spots = Spots::new(lights.tracer(), sight, coarse.patches, &irradiance);
+    let spots = Spots::new(lights, sight, coarse.patches, &irradiance);
     let mut vertices = gathers.look(&light, &spots);
     // All guides stand before the first vertex finds more.
     let guides = gathers.guides(&vertices, &spots);

@@ -1,29 +1,22 @@
 //! Small bright places on diffuse surfaces: the inside of a lamp's shade, a wall beside a bulb. None of the rays of a gather and of
 //! those beside may have met them, and the guide that these make does not know them. What sources and the coarse solution tell does.
 
-use std::collections::BTreeMap;
 use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
 
-use catoptric_light::Receiver;
+use catoptric_light::{ImageChain, Lights, Receiver};
 use catoptric_scene::Rgb;
+use catoptric_trace::plane::Plane;
 use catoptric_trace::sequence::{Key, frame, hemisphere_point};
-use catoptric_trace::{PlaneId, Tracer};
+use catoptric_trace::walk;
 
 use crate::guide::{Hints, PlaceId, WINDOWS, Window};
 use crate::patch::PatchMesh;
 
 use super::Sight;
+use super::bright::{MOST_CORNERS, MOST_SPOTS, Part, Place, Spot, bright_parts, spots_of};
 
-/// Times the mean radiance of the scene from which on a place is bright.
-const BRIGHT: f32 = 8.0;
-/// Bright base triangles at most: those that are most noise to see.
-const MOST_PARTS: usize = 4096;
-/// Spots at most.
-const MOST_SPOTS: usize = 256;
-/// Corners of a spot's outline.
-const OUTLINE: usize = 8;
 /// Share of the variance that is known from which on spots are worth a look, …
 const MINOR: f32 = 0.1;
 /// … and share of that by all of them from which on a place is worth a window.
@@ -31,77 +24,113 @@ const MINOR_PLACE: f32 = 1.0 / 32.0;
 /// Rays from each gather that look which spots are seen. Five lamps in cans, noise of the indirect light: × 1.5 with 8, × 1.2 with 16, × 0.98
 /// with 64, all in the same time.
 const LOOKS: f32 = 32.0;
+/// … and where they do not add more to the variance than is known.
+const FEWEST_LOOKS: f32 = 8.0;
 /// What a place may add that no look sees, in looks: a lamp's inner wall is seen by a sliver. The same lamps: noise × 0.65.
 const UNSEEN: f32 = 0.5;
 /// Squared radius of a place by squared distance from which on it is not small, wherever its corners are.
 const LARGE: f32 = 0.25;
+/// Chains of mirrors over which spots are looked for, at most, …
+const MOST_CHAINS: usize = 8;
+/// … and the least that they reflect.
+const LEAST_STRENGTH: f32 = 0.2;
+/// Ways to see a spot: straight, and over each chain.
+const WAYS: usize = 1 + MOST_CHAINS;
 
-/// A base triangle that is bright.
-#[derive(Clone, Copy, Debug)]
-struct Part {
+/// A receiver as it looks at spots: straight, or from where it is in the unfolded space of a chain of mirrors.
+struct View<'a> {
+    chain: Option<&'a ImageChain>,
     position: Vec3,
+    tangent: Vec3,
+    bitangent: Vec3,
     normal: Vec3,
-    area: f32,
-    /// Channels added.
-    radiance: f32,
-    plane: PlaneId,
-    root: usize,
-    corners: [Vec3; 3],
+    /// Spots in front of this plane alone are seen over the last mirror.
+    beyond: Option<Plane>,
+    /// Squared share of the light that the mirrors reflect at most.
+    strength: f32,
 }
 
-/// One of them, or some that are near each other.
-#[derive(Clone, Copy, Debug)]
-struct Spot {
-    position: Vec3,
-    normal: Vec3,
-    area: f32,
-    /// Root mean square, channels added.
-    radiance: f32,
-    plane: PlaneId,
-    /// Its outline, of `Spots::corners`.
-    corners: [u16; OUTLINE],
-    place: PlaceId,
-}
-
-impl Spot {
-    /// What it adds to the variance of one ray from a receiver that sees it.
-    #[inline]
-    fn variance(&self, receiver: &Receiver) -> f32 {
-        let way = self.position - receiver.position;
-        let distance = way.length_squared();
-        let cosines = way.dot(receiver.normal).max(0.0) * (-way.dot(self.normal)).max(0.0);
-        // No more than half of the view: seen from so near, the centre does not stand for the rest.
-        let share = (cosines * self.area / (PI * distance * distance).max(f32::MIN_POSITIVE)).min(0.5);
-        self.radiance * self.radiance * share
+impl<'a> View<'a> {
+    fn straight(receiver: &Receiver) -> Self {
+        let (normal, position) = (receiver.normal, receiver.position);
+        let (tangent, bitangent) = frame(normal);
+        Self { chain: None, position, tangent, bitangent, normal, beyond: None, strength: 1.0 }
     }
-}
 
-/// Spots that touch.
-#[derive(Clone, Copy, Debug)]
-struct Place {
-    low: Vec3,
-    high: Vec3,
-    /// Its first spot, and the one after its last.
-    spots: [usize; 2],
-}
+    /// This one's image, if the mirrors are before it.
+    fn over(&self, lights: &Lights, chain: &'a ImageChain) -> Option<Self> {
+        let [position, normal, tangent, bitangent] =
+            [self.position, self.normal, self.tangent, self.bitangent].map(Vec3::as_dvec3);
+        let chains = lights.chains();
+        let one = chains.unfold(chain, position, normal, tangent)?;
+        let other = chains.unfold(chain, position, normal, bitangent)?;
+        Some(Self {
+            chain: Some(chain),
+            position: one.position.as_vec3(),
+            tangent: one.geometric.as_vec3(),
+            bitangent: other.geometric.as_vec3(),
+            normal: one.normal.as_vec3(),
+            beyond: one.beyond,
+            strength: chain.strength().powi(2),
+        })
+    }
 
-impl Place {
-    const NOWHERE: Self = Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, spots: [0; 2] };
+    /// What a spot adds to the variance of one ray if it is seen.
+    #[inline]
+    fn variance(&self, spot: &Spot) -> f32 {
+        if self.beyond.is_some_and(|plane| plane.normal.dot(spot.position.as_dvec3()) <= plane.offset) {
+            return 0.0;
+        }
+        let way = spot.position - self.position;
+        let distance = way.length_squared();
+        let cosines = way.dot(self.normal).max(0.0) * (-way.dot(spot.normal)).max(0.0);
+        // No more than half of the view: seen from so near, the centre does not stand for the rest.
+        let share = (cosines * spot.area / (PI * distance * distance).max(f32::MIN_POSITIVE)).min(0.5);
+        self.strength * spot.radiance * spot.radiance * share
+    }
 
-    fn grow(&mut self, corners: &[Vec3]) {
-        for &corner in corners {
-            (self.low, self.high) = (self.low.min(corner), self.high.max(corner));
+    /// What a place adds at most.
+    #[inline]
+    fn most(&self, place: &Place) -> f32 {
+        let distance = place.center().distance(self.position) - place.radius();
+        // From within no more than half of the view, as above.
+        let share = 1.0 / (PI * distance.max(0.0).powi(2)).max(f32::MIN_POSITIVE);
+        self.strength * (place.noise * share).min(0.5 * place.brightest)
+    }
+
+    /// The point of the unit square in whose direction a point is seen.
+    fn point(&self, way: Vec3) -> Vec2 {
+        let unit = way.normalize_or_zero();
+        hemisphere_point(Vec3::new(unit.dot(self.tangent), unit.dot(self.bitangent), unit.dot(self.normal)))
+    }
+
+    /// Share of the light of a spot that arrives.
+    fn sees(&self, lights: &Lights, receiver: &Receiver, spot: &Spot, targets: &mut Vec<Vec3>) -> Rgb {
+        let tracer = lights.tracer();
+        match self.chain {
+            None => tracer.visibility(receiver.position, receiver.plane, spot.position, spot.plane),
+            Some(chain) => {
+                lights.chains().targets(chain, spot.position.as_dvec3(), targets);
+                walk::follow(tracer, receiver.position, receiver.plane, &chain.planes, targets, spot.plane)
+            }
         }
     }
 
-    fn radius(&self) -> f32 {
-        (0.5 * self.low.distance(self.high)).max(f32::MIN_POSITIVE)
-    }
-
-    /// Whether it may be seen in a small window.
-    fn is_far_from(&self, position: Vec3) -> bool {
-        let center = 0.5 * (self.low + self.high);
-        self.radius().powi(2) <= LARGE * center.distance_squared(position)
+    /// Where a place is seen, if it is small there: around those of its spots that face the receiver.
+    fn window(&self, spots: &[Spot], place: &Place) -> Option<Window> {
+        if place.radius().powi(2) > LARGE * place.center().distance_squared(self.position) {
+            return None;
+        }
+        let mut is_needed = [false; MOST_CORNERS];
+        for spot in spots.iter().filter(|spot| self.variance(spot) > 0.0) {
+            spot.corners.iter().for_each(|&c| is_needed[usize::from(c)] = true);
+        }
+        let needed = place.corners.iter().zip(is_needed).filter(|(_, is_needed)| *is_needed);
+        let ways = needed.map(|(corner, _)| *corner - self.position);
+        // What is below the horizon is not seen.
+        let above = ways.map(|way| way - self.normal * way.dot(self.normal).min(0.0));
+        let window = Window::around(above.map(|way| self.point(way)));
+        window.is_small().then_some(window)
     }
 }
 
@@ -111,118 +140,33 @@ pub(super) struct Spots {
     /// By place.
     spots: Vec<Spot>,
     places: Vec<Place>,
-    corners: Vec<Vec3>,
     /// Per element of what gathers look at; empty where there are no spots.
     of_element: Vec<Option<PlaceId>>,
+    /// Chains of mirrors over which they may be seen, of all that there are.
+    chains: Vec<usize>,
 }
 
 impl Spots {
-    /// Where `irradiance` per vertex of what gathers look at makes patches bright.
-    pub(super) fn new(tracer: &Tracer, sight: &Sight, patches: &PatchMesh, irradiance: &[Rgb]) -> Self {
-        let displayed = sight.displayed;
-        let mut roots = vec![RootSum::NOTHING; patches.of_root.len()];
-        let (mut sum, mut whole) = (0.0_f64, 0.0_f64);
-        for (index, element) in displayed.mesh.elements.iter().enumerate() {
-            let root = displayed.roots[index] as usize;
-            let corners = element.vertices.map(|v| &displayed.mesh.vertices[v as usize]);
-            let area = displayed.mesh.area(index as u32);
-            let received = element.vertices.iter().map(|&v| irradiance[v as usize]).sum::<Rgb>() / 3.0;
-            let sent = received * patches.reflectances[patches.of_root[root].0 as usize];
-            let radiance = sent.element_sum().max(0.0) / PI;
-            let of_root = &mut roots[root];
-            of_root.position += corners.iter().map(|c| c.position).sum::<Vec3>() * (area / 3.0);
-            of_root.normal += corners.iter().map(|c| c.normal).sum::<Vec3>() * area;
-            of_root.area += area;
-            of_root.radiance += radiance * area;
-            of_root.plane = tracer.planes().of(corners[0].triangle);
-            // A field of large triangles must not decide what is bright in the house.
-            let counted = f64::from(area.min(sight.draft.most_weight));
-            sum += f64::from(radiance) * counted;
-            whole += counted;
-        }
-        let mean = if whole > 0.0 { (sum / whole) as f32 } else { 0.0 };
-        let is_bright =
-            |root: &RootSum| root.area > 0.0 && mean > 0.0 && root.radiance > BRIGHT * mean * root.area;
-        let parts = roots.iter().enumerate().filter(|(_, root)| is_bright(root)).map(|(index, root)| Part {
-            position: root.position / root.area,
-            normal: root.normal.normalize_or_zero(),
-            area: root.area,
-            radiance: root.radiance / root.area,
-            plane: root.plane,
-            root: index,
-            corners: sight.draft.base[index].map(|v| sight.draft.vertices[v as usize].position),
-        });
-        let mut of_root = vec![None; roots.len()];
-        let mut spots = Self::among(parts.collect(), |root, place| of_root[root] = Some(place));
+    /// Where `irradiance` per vertex of what gathers look at makes base triangles bright.
+    pub(super) fn new(lights: &Lights, sight: &Sight, patches: &PatchMesh, irradiance: &[Rgb]) -> Self {
+        let parts = bright_parts(lights.tracer(), sight, patches, irradiance);
+        let mut of_root = vec![None; patches.of_root.len()];
+        let mut spots = Self::among(lights, &parts, |root, place| of_root[root] = Some(place));
         if !spots.spots.is_empty() {
-            spots.of_element = displayed.roots.iter().map(|&root| of_root[root as usize]).collect();
+            spots.of_element = sight.displayed.roots.iter().map(|&root| of_root[root as usize]).collect();
         }
         spots
     }
 
-    /// The places and spots that bright base triangles make together; `tell` is told the place of each.
-    fn among(mut parts: Vec<Part>, mut tell: impl FnMut(usize, PlaceId)) -> Self {
-        let by_noise = |a: &(f32, f32), b: &(f32, f32)| (b.0 * b.0 * b.1).total_cmp(&(a.0 * a.0 * a.1));
-        parts.sort_by(|a, b| by_noise(&(a.radiance, a.area), &(b.radiance, b.area)));
-        parts.truncate(MOST_PARTS);
-        let group = touching(&parts);
-        let mut first = group.clone();
-        first.sort_unstable();
-        first.dedup();
-        let place_of: Vec<usize> = group.iter().map(|g| first.partition_point(|f| f < g)).collect();
-        let mut places = vec![Place::NOWHERE; first.len()];
-        for (part, &place) in parts.iter().zip(&place_of) {
-            places[place].grow(&part.corners);
-            tell(part.root, PlaceId(place as u16));
-        }
-
-        // As many spots as parts, if these are few; else those of a place that look the same way and are near each other are one.
-        let mut members: Vec<Vec<usize>> = (0..parts.len()).map(|part| vec![part]).collect();
-        let mut share = 1.0 / 32.0;
-        while members.len() > MOST_SPOTS && share < 4.0 {
-            share *= 2.0;
-            let mut cells: BTreeMap<(usize, [i32; 6]), Vec<usize>> = BTreeMap::new();
-            for (index, (part, &place)) in parts.iter().zip(&place_of).enumerate() {
-                let at = (part.position - places[place].low) / (share * places[place].radius());
-                let [at, facing] = [at.floor(), (part.normal * 2.0).round()].map(|v| v.as_ivec3().to_array());
-                let key = [at[0], at[1], at[2], facing[0], facing[1], facing[2]];
-                cells.entry((place, key)).or_default().push(index);
-            }
-            members = cells.into_values().collect();
-        }
-        let mut corners: Vec<Vec3> = Vec::new();
-        let mut spots: Vec<Spot> = members
-            .iter()
-            .map(|members| {
-                let own = || members.iter().map(|&m| &parts[m]);
-                let area: f32 = own().map(|part| part.area).sum();
-                let middle = own().map(|part| part.position * part.area).sum::<Vec3>() / area;
-                let distance = |part: &Part| part.position.distance_squared(middle);
-                let nearest = own().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-                // Of no parts there is no group.
-                let Part { position, plane, .. } = nearest.unwrap_or(&parts[members[0]]);
-                let normal = own().map(|part| part.normal * part.area).sum::<Vec3>().normalize_or_zero();
-                let squares: f32 = own().map(|part| part.radiance.powi(2) * part.area).sum();
-                let outline = outline(normal, own().flat_map(|part| part.corners));
-                Spot {
-                    position: *position,
-                    normal,
-                    area,
-                    radiance: (squares / area).sqrt(),
-                    plane: *plane,
-                    corners: outline.map(|corner| index_in(&mut corners, corner)),
-                    place: PlaceId(place_of[members[0]] as u16),
-                }
-            })
-            .collect();
-        spots.sort_by(|a, b| by_noise(&(a.radiance, a.area), &(b.radiance, b.area)));
-        spots.truncate(MOST_SPOTS);
-        spots.sort_by_key(|spot| spot.place.0);
-        for (index, spot) in spots.iter().enumerate() {
-            let place = &mut places[usize::from(spot.place.0)];
-            place.spots = [if place.spots[1] == 0 { index } else { place.spots[0] }, index + 1];
-        }
-        Self { spots, places, corners, of_element: Vec::new() }
+    /// Those that bright base triangles make together; `tell` is told the place of each triangle.
+    fn among(lights: &Lights, parts: &[Part], tell: impl FnMut(usize, PlaceId)) -> Self {
+        let (spots, places) = spots_of(parts, tell);
+        let chains = lights.chains().chains().iter().enumerate();
+        let strong = chains.filter(|(_, chain)| chain.strength() >= LEAST_STRENGTH && !chain.is_of_facet());
+        let mut strong: Vec<usize> = strong.map(|(index, _)| index).collect();
+        strong.sort_by_key(|&index| lights.chains().chains()[index].planes.len());
+        strong.truncate(MOST_CHAINS);
+        Self { spots, places, of_element: Vec::new(), chains: strong }
     }
 
     /// The place that an element of what gathers look at belongs to.
@@ -231,132 +175,90 @@ impl Spots {
         self.of_element.get(element as usize).copied().flatten()
     }
 
-    /// Where in the hemisphere they are seen, if they add much to the variance of a ray that is `known`.
-    pub(super) fn seen_from(&self, tracer: &Tracer, receiver: &Receiver, known: f32, key: Key) -> Hints {
+    /// Where in the hemisphere they are seen, straight and over mirrors, if they add much to the variance of a ray that is `known`.
+    pub(super) fn seen_from(&self, lights: &Lights, receiver: &Receiver, known: f32, key: Key) -> Hints {
         let mut hints = Hints::default();
         if self.spots.is_empty() {
             return hints;
         }
-        let mut sums = [0.0; MOST_SPOTS];
-        let mut total = 0.0_f32;
-        for (sum, spot) in sums.iter_mut().zip(&self.spots) {
-            total += spot.variance(receiver);
-            *sum = total;
+        let straight = View::straight(receiver);
+        let all = lights.chains().chains();
+        let mut views: Vec<View> =
+            self.chains.iter().filter_map(|&index| straight.over(lights, &all[index])).collect();
+        views.insert(0, straight);
+        // Most of what is far off, behind a mirror or small need not be looked at spot by spot.
+        let count = self.spots.len();
+        let (least, mut total) = (MINOR_PLACE * MINOR * known, 0.0_f32);
+        // By view, then by spot: sums so far.
+        let mut sums = [0.0; WAYS * MOST_SPOTS];
+        for (view, sums) in views.iter().zip(sums.chunks_exact_mut(count)) {
+            for place in &self.places {
+                let [first, end] = place.spots;
+                let is_minor = view.most(place) <= least.max(MINOR_PLACE * total);
+                for (sum, spot) in sums[first..end].iter_mut().zip(&self.spots[first..end]) {
+                    total += if is_minor { 0.0 } else { view.variance(spot) };
+                    *sum = total;
+                }
+            }
         }
         if total <= MINOR * known || total <= 0.0 {
             return hints;
         }
-        let (tangent, bitangent) = frame(receiver.normal);
-        let point = |way: Vec3| {
-            let unit = way.normalize_or_zero();
-            hemisphere_point(Vec3::new(unit.dot(tangent), unit.dot(bitangent), unit.dot(receiver.normal)))
-        };
-        let each = total / LOOKS;
-        let before = |spot: usize| if spot > 0 { sums[spot - 1] } else { 0.0 };
-        let own = |place: &Place| before(place.spots[1]) - before(place.spots[0]);
-        let places = self.places.iter().enumerate().map(|(index, place)| (own(place), index));
-        let mut major: Vec<(f32, usize)> = places.filter(|(own, _)| *own > MINOR_PLACE * total).collect();
+        let looks = (FEWEST_LOOKS * total / known.max(f32::MIN_POSITIVE)).clamp(FEWEST_LOOKS, LOOKS);
+        let each = total / looks;
+        let before = |index: usize| if index > 0 { sums[index - 1] } else { 0.0 };
+        let mut major: Vec<(f32, usize, usize)> = Vec::new();
+        for view in 0..views.len() {
+            for (index, place) in self.places.iter().enumerate() {
+                let [first, end] = place.spots.map(|spot| before(view * count + spot));
+                if end - first > MINOR_PLACE * total {
+                    major.push((end - first, view, index));
+                }
+            }
+        }
         major.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let windows = major.into_iter().filter_map(|(own, index)| {
-            self.window(&self.places[index], receiver, point).map(|window| (own, index, window))
-        });
-        for (own, index, window) in windows.take(WINDOWS) {
-            hints.open(PlaceId(index as u16), window, UNSEEN * own.min(each));
+        let mut opened: Vec<(usize, usize)> = Vec::new();
+        for (own, view, index) in major {
+            let place = &self.places[index];
+            let [first, end] = place.spots;
+            if opened.len() < WINDOWS
+                && let Some(window) = views[view].window(&self.spots[first..end], place)
+            {
+                hints.open(PlaceId(index as u16), window, UNSEEN * own.min(each));
+                opened.push((view, index));
+            }
         }
         let mut next = key.uniform(0) * each;
-        for (spot, sum) in self.spots.iter().zip(sums) {
-            let looks = ((sum - next) / each).ceil().max(0.0);
-            if looks < 1.0 {
-                continue;
-            }
-            next += looks * each;
-            let seen = tracer.visibility(receiver.position, receiver.plane, spot.position, spot.plane);
-            if seen != Rgb::ZERO {
-                let at = point(spot.position - receiver.position);
-                hints.add(spot.place, at, looks * each * seen.max_element());
+        let mut targets = Vec::new();
+        for (index, view) in views.iter().enumerate() {
+            for (spot, sum) in self.spots.iter().zip(&sums[index * count..]) {
+                let looks = ((sum - next) / each).ceil().max(0.0);
+                if looks < 1.0 {
+                    continue;
+                }
+                next += looks * each;
+                let seen = view.sees(lights, receiver, spot, &mut targets);
+                if seen != Rgb::ZERO {
+                    let window = opened.iter().position(|&o| o == (index, usize::from(spot.place.0)));
+                    let at = view.point(spot.position - view.position);
+                    hints.add(window, at, looks * each * seen.max_element());
+                }
             }
         }
         hints
     }
-
-    /// Where a place is seen, if it is small there: around those of its spots that face the receiver.
-    fn window(&self, place: &Place, receiver: &Receiver, point: impl Fn(Vec3) -> Vec2) -> Option<Window> {
-        if !place.is_far_from(receiver.position) {
-            return None;
-        }
-        let mut is_needed = [false; OUTLINE * MOST_SPOTS];
-        let [first, end] = place.spots;
-        for spot in self.spots[first..end].iter().filter(|spot| spot.variance(receiver) > 0.0) {
-            spot.corners.iter().for_each(|&c| is_needed[usize::from(c)] = true);
-        }
-        let needed = self.corners.iter().zip(is_needed).filter(|(_, is_needed)| *is_needed);
-        let ways = needed.map(|(corner, _)| *corner - receiver.position);
-        // What is below the horizon is not seen.
-        let above = ways.map(|way| way - receiver.normal * way.dot(receiver.normal).min(0.0));
-        let window = Window::around(above.map(point));
-        window.is_small().then_some(window)
-    }
-}
-
-/// Sums over the elements of a base triangle.
-#[derive(Clone, Copy, Debug)]
-struct RootSum {
-    position: Vec3,
-    normal: Vec3,
-    area: f32,
-    radiance: f32,
-    plane: PlaneId,
-}
-
-impl RootSum {
-    const NOTHING: Self =
-        Self { position: Vec3::ZERO, normal: Vec3::ZERO, area: 0.0, radiance: 0.0, plane: PlaneId::NONE };
-}
-
-/// The farthest points in eight directions along a surface.
-fn outline(normal: Vec3, points: impl Iterator<Item = Vec3> + Clone) -> [Vec3; OUTLINE] {
-    let (tangent, bitangent) = frame(normal);
-    let ways = [tangent, tangent + bitangent, bitangent, bitangent - tangent];
-    std::array::from_fn(|index| {
-        let way = if index < ways.len() { ways[index] } else { -ways[index - ways.len()] };
-        let farthest = points.clone().max_by(|a, b| a.dot(way).total_cmp(&b.dot(way)));
-        farthest.unwrap_or(Vec3::ZERO)
-    })
-}
-
-/// The index of a point among others, to which it is added if it is none of them.
-fn index_in(points: &mut Vec<Vec3>, point: Vec3) -> u16 {
-    let known = points.iter().position(|&p| p == point);
-    known.unwrap_or_else(|| {
-        points.push(point);
-        points.len() - 1
-    }) as u16
-}
-
-/// For each part the group of those that it touches: their distance is no more than those from their centres to their corners.
-fn touching(parts: &[Part]) -> Vec<usize> {
-    let reach = |part: &Part| part.corners.iter().map(|c| c.distance(part.position)).fold(0.0_f32, f32::max);
-    let reaches: Vec<f32> = parts.iter().map(reach).collect();
-    let mut group: Vec<usize> = (0..parts.len()).collect();
-    for a in 0..parts.len() {
-        for b in 0..a {
-            let (from, to) = (group[a], group[b]);
-            let reach = reaches[a] + reaches[b];
-            if from != to && parts[a].position.distance_squared(parts[b].position) <= reach * reach {
-                group.iter_mut().filter(|g| **g == from).for_each(|g| *g = to);
-            }
-        }
-    }
-    group
 }
 
 #[cfg(test)]
 mod tests {
-    use catoptric_scene::{Barycentric, Material, Scene, SceneParts, Side, TriangleId};
+    use catoptric_scene::{Barycentric, Material, Radiance, Scene, SceneParts, Side, TriangleId};
     use catoptric_trace::sequence::{Purpose, cosine_hemisphere};
 
     use crate::gather::Gathered;
     use crate::guide::{Aim, Findings, Guide};
+
+    use catoptric_light::LightParams;
+    use catoptric_trace::{PlaneId, Tracer};
 
     use super::*;
 
@@ -369,6 +271,7 @@ mod tests {
         parts.add_quad("screen", white, Vec3::new(2.0, 0.0, 4.0), Vec3::Z * -4.0, Vec3::Y);
         let scene = Scene::new(parts).expect("a valid scene");
         let tracer = Tracer::new(&scene);
+        let lights = Lights::new(&tracer, LightParams::default());
         let receiver = Receiver::on(&tracer, TriangleId(0), Side::Front, Barycentric { u: 0.1, v: 0.1 });
         assert!(receiver.position.x < 2.0 && receiver.normal == Vec3::Y);
         let spot = |position: Vec3, normal: Vec3| part(position, normal, 1e-3, 0);
@@ -377,7 +280,7 @@ mod tests {
         let turned = spot(over.position, Vec3::Y);
         let key = Key::new(1, Purpose::Test, 0);
         let guide = |parts: Vec<Part>, known: f32| {
-            let hints = Spots::among(parts, |_, _| ()).seen_from(&tracer, &receiver, known, key);
+            let hints = Spots::among(&lights, &parts, |_, _| ()).seen_from(&lights, &receiver, known, key);
             Guide::new(&Findings::default(), &hints, Gathered::default())
         };
         let deviation = |parts: Vec<Part>| guide(parts, 0.0).even_deviation();
@@ -405,6 +308,45 @@ mod tests {
         assert!((to_spot.count() as f32 / 256.0 - 0.5).abs() < 0.05);
     }
 
+    /// A screen hides a bright place, and a mirror shows it.
+    #[test]
+    fn places_are_seen_over_mirrors() {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        let mirror = parts.add_material(Material::mirror("mirror", Rgb::splat(0.9)));
+        let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::ONE)));
+        parts.add_quad("floor", white, Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
+        parts.add_quad("mirror", mirror, Vec3::new(4.0, 0.0, 0.0), Vec3::Z * 4.0, Vec3::Y * 3.0);
+        parts.add_quad("lamp", lamp, Vec3::new(3.0, 3.0, 1.0), Vec3::X * 0.1, Vec3::Z * 0.1);
+        // Above the receiver, and below the place.
+        parts.add_quad("screen", white, Vec3::new(0.0, 1.0, 0.0), Vec3::X * 2.0, Vec3::Z * 4.0);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let lights = Lights::new(&tracer, LightParams::default());
+        let receiver = Receiver::on(&tracer, TriangleId(0), Side::Front, Barycentric { u: 0.2, v: 0.4 });
+        let place = Vec3::new(1.9, 2.5, 2.0);
+        let image = Vec3::new(8.0 - place.x, place.y, place.z);
+        // It looks away from the receiver.
+        let own = part(place, Vec3::X, 1e-3, 0);
+        assert!(receiver.position.x < place.x);
+        let spots = Spots::among(&lights, &[own], |_, _| ());
+        let hints = spots.seen_from(&lights, &receiver, 0.0, Key::new(1, Purpose::Test, 0));
+        let guide = Guide::new(&Findings::default(), &hints, Gathered::default());
+        // What it adds is what its image, nine tenths as bright, adds.
+        let way = image - receiver.position;
+        let cosines = way.y * way.x;
+        let share = cosines * own.area / (PI * way.length_squared().powi(2));
+        // Of that, two factors are foretold and the third is seen: of the radiance squared two would do.
+        let exact = 100.0 * (0.9_f32.powi(3) * share).sqrt();
+        assert!((guide.even_deviation() / exact - 1.0).abs() < 1e-3, "{} {exact}", guide.even_deviation());
+        let (tangent, bitangent) = frame(receiver.normal);
+        let unit = way.normalize_or_zero();
+        let at = hemisphere_point(Vec3::new(unit.dot(tangent), unit.dot(bitangent), unit.y));
+        let key = Key::new(2, Purpose::Test, 0);
+        let there = (0..256).filter(|&i| guide.warp(key.point2(i)).point.distance(at) < 0.02).count();
+        assert!((there as f32 / 256.0 - 0.5).abs() < 0.05, "{there}");
+    }
+
     /// A triangle of 100 in all channels.
     fn part(position: Vec3, normal: Vec3, area: f32, root: usize) -> Part {
         let (tangent, bitangent) = frame(normal);
@@ -426,6 +368,7 @@ mod tests {
         scene.add_quad("floor", white, Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
         let scene = Scene::new(scene).expect("a valid scene");
         let tracer = Tracer::new(&scene);
+        let lights = Lights::new(&tracer, LightParams::default());
         let (radius, height, around, up) = (0.06, 0.1, 40_u16, 25_u16);
         let area = std::f32::consts::TAU * radius * height / f32::from(around * up);
         let lamp = |middle: Vec3, first: usize| -> Vec<Part> {
@@ -442,7 +385,7 @@ mod tests {
         let mut parts = lamp(Vec3::new(1.0, 2.5, 1.0), 0);
         parts.extend(lamp(Vec3::new(3.0, 2.5, 2.0), 1000));
         let mut places = vec![None; 2000];
-        let spots = Spots::among(parts.clone(), |root, place| places[root] = Some(place));
+        let spots = Spots::among(&lights, &parts, |root, place| places[root] = Some(place));
         assert!(spots.spots.len() <= MOST_SPOTS && spots.spots.len() > 16, "{}", spots.spots.len());
         assert_eq!(spots.places.len(), 2);
         assert!(places[..1000].iter().all(|p| p.is_some() && *p == places[0]));
@@ -458,7 +401,7 @@ mod tests {
                     1e4 * cosines * part.area / (PI * way.length_squared().powi(2))
                 })
                 .sum();
-            let hints = spots.seen_from(&tracer, &receiver, 0.0, Key::new(1, Purpose::Test, 0));
+            let hints = spots.seen_from(&lights, &receiver, 0.0, Key::new(1, Purpose::Test, 0));
             let guide = Guide::new(&Findings::default(), &hints, Gathered::default());
             // Spots look one way, which their triangles do within 15°: where these begin to look away that is 1 - cos 15° of the cosine of those
             // in front, and in 32 looks one more or less is 3 %.
