@@ -54,7 +54,9 @@ fn room(can: Can, turn: Quat, place: Vec3) -> Scene {
         let (sin, cos) = libm::sincosf(2.0 * PI * f32::from(corner / 2) / f32::from(SIDES));
         let (radius, depth) = if corner % 2 == 0 { (can.radius, 0.0) } else { (can.inmost, can.depth) };
         positions.push(put(Vec3::new(radius * cos, depth, radius * sin)));
-        normals.push(turn * Vec3::new(-cos, 0.0, -sin));
+        // Narrower within, the wall looks out.
+        let lean = (can.inmost - can.radius) / can.depth;
+        normals.push(turn * Vec3::new(-cos, lean, -sin).normalize_or_zero());
     }
     let count = 2 * u32::from(SIDES);
     let quad = |start: u32| {
@@ -91,18 +93,18 @@ fn no_light_is_made_in_a_can() {
 /// A downlight, on whose wall there are no vertices but at its ends, behind the lamp and where half of the light has passed: those that
 /// share agree with each other, and down to half of what arrives was stored, by the luck of what was doubted.
 ///
-/// Light on the wall ends at the lamp's plane, too, from 1.3 times its mean. Edges there are an eighth of the wall, which light runs over by half
-/// of one at most: 8 %.
+/// Light on the wall ends at the lamp's plane, too, from 1.3 times its mean, and 0.7 of all light arrives there. Edges are an eighth to a quarter of the wall:
+/// light runs over by half of that, 11 % at most, of which the fit gives back two thirds: 4 %.
 #[test]
 fn none_is_lost_where_no_vertex_sees_it() {
     let shallow = Can { radius: 0.06, inmost: 0.055, depth: 0.09, lamp: 0.085 };
-    for step in 0..2_u8 {
-        let shift = 0.07 * f32::from(step);
+    // Two of sixteen places at which that was so: 0.48 and 0.94 arrived.
+    for shift in [0.31, 0.465] {
         let place = Vec3::new(-0.9 + shift, 1.0 + 0.3 * shift, -0.4 + 1.7 * shift);
         let scene = room(shallow, Quat::IDENTITY, place);
         for quality in [Quality::Draft, Quality::Standard] {
             let ratio = arrived(&scene, quality);
-            assert!((ratio - 1.0).abs() < 0.08, "{quality:?}, moved by {shift}: {ratio}");
+            assert!((ratio - 1.0).abs() < 0.04, "{quality:?}, moved by {shift}: {ratio}");
         }
     }
 }
