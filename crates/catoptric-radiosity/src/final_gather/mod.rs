@@ -1,7 +1,8 @@
 //! The final gather: light that other diffuse surfaces send, at the vertices and inside the elements of a mesh, fitted, and
 //! corrected by what it found beyond what it saw.
 //!
-//! The file `gathers` sends the rays, `links` keeps what those of the vertices met, `spots` knows what is small and bright (`bright` finds it), `turns` shares out one sequence among the points inside the elements.
+//! The file `gathers` sends the rays, `links` keeps what those of the vertices met, `bright` finds what is small and bright
+//! and `spots` where it is seen, `turns` shares out one sequence among the points inside the elements.
 
 mod bright;
 mod gathers;

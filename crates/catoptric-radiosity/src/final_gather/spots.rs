@@ -181,11 +181,10 @@ impl Spots {
         if self.spots.is_empty() {
             return hints;
         }
-        let straight = View::straight(receiver);
-        let all = lights.chains().chains();
-        let mut views: Vec<View> =
-            self.chains.iter().filter_map(|&index| straight.over(lights, &all[index])).collect();
-        views.insert(0, straight);
+        let mut views = vec![View::straight(receiver)];
+        for &index in &self.chains {
+            views.extend(views[0].over(lights, &lights.chains().chains()[index]));
+        }
         // Most of what is far off, behind a mirror or small need not be looked at spot by spot.
         let count = self.spots.len();
         let (least, mut total) = (MINOR_PLACE * MINOR * known, 0.0_f32);
