@@ -262,6 +262,85 @@ fn mirrors_lie_on_each_other_once_and_cards_on_mirrors() {
     }
 }
 
+/// Chips of four centimetres, about a hundred between receiver and emitter: more than shadows are cut out of.
+fn chips(parts: &mut SceneParts) {
+    let white = parts.add_material(white_card());
+    let key = Key::new(9, Purpose::Test, 0);
+    for index in 0..150 {
+        let at = point(key, index) * Vec3::new(0.7, 0.35, 0.6) + Vec3::new(0.0, 1.1, 0.0);
+        let [u, v] = [1, 2].map(|k| point(key.child(k), index) * 0.04);
+        parts.add_quad("chip", white, at, u, v);
+    }
+}
+
+/// What large blockers leave of a source is sampled, on average over many keys as the brute force finds it: straight, and over a mirror.
+#[test]
+fn what_walls_leave_is_sampled_among_chips() {
+    let mean = |found: &[f64]| found.iter().sum::<f64>() / found.len() as f64;
+    let rays = 64 * 32;
+    compare("chips", (11, rays), &white_card(), chips, |lights, receiver, key, scratch| {
+        let all: Vec<_> = (0..64).map(|k| lights.direct(receiver, 32, key.child(k), scratch)).collect();
+        let found: Vec<f64> = all.iter().map(|f| f64::from(f.irradiance.x)).collect();
+        let expected = by_grid(receiver, |p| {
+            (lights.tracer().visibility(receiver.position, PlaneId::NONE, p, emitter(lights)), p)
+        });
+        Answer { found: mean(&found), expected, open: f64::from(all[0].unoccluded.x) }
+    });
+    let more = |parts: &mut SceneParts| {
+        silver(parts, WALL);
+        chips(parts);
+    };
+    compare("chips before a mirror", (7, rays), &white_card(), more, |lights, receiver, key, scratch| {
+        let mut ask = |k| lights.mirrored(receiver, 32, Rgb::ZERO, key.child(k), scratch);
+        let all: Vec<_> = (0..64).map(&mut ask).collect();
+        let found: Vec<f64> = all.iter().map(|f| f64::from(f.irradiance.x)).collect();
+        let expected = by_grid_in_silver(lights, receiver, |_| true);
+        Answer { found: mean(&found), expected, open: f64::from(all[0].unoccluded.x) }
+    });
+}
+
+/// A sky of 6 m behind a window of half a metre with two hundred slats: of 32 rays to anywhere in the sky less than one would pass the window.
+#[test]
+fn rays_go_where_walls_leave_a_window() {
+    let mut parts = SceneParts::default();
+    let glowing = parts.add_material(Material::emitter("glowing", Radiance(Rgb::ONE)));
+    let white = parts.add_material(white_card());
+    parts.add_quad("sky", glowing, Vec3::new(-3.0, -3.0, -2.0), Vec3::X * 6.0, Vec3::Y * 6.0);
+    let (low, high) = (0.25, 4.0);
+    for (from, to) in [
+        ([-high, low], [high, high]),
+        ([-high, -high], [high, -low]),
+        ([-high, -low], [-low, low]),
+        ([low, -low], [high, low]),
+    ] {
+        let corner = Vec3::new(from[0], from[1], -1.0);
+        parts.add_quad("wall", white, corner, Vec3::X * (to[0] - from[0]), Vec3::Y * (to[1] - from[1]));
+    }
+    // Half of the window is open.
+    for slat in 0..200_u8 {
+        let y = -low + 0.0025 * f32::from(slat);
+        parts.add_quad("slat", white, Vec3::new(-low, y, -0.98), Vec3::X * 0.5, Vec3::Y * 0.00125);
+    }
+    parts.add_quad("scrap", white, Vec3::new(-0.1, 0.05, 0.0), Vec3::X * 0.2, Vec3::Y * 0.2);
+    let scene = Scene::new(parts).expect("a valid scene");
+    let tracer = Tracer::new(&scene);
+    let lights = Lights::new(&tracer, LightParams::default());
+    let last = TriangleId(scene.triangles().len() as u32 - 1);
+    // Turned to the window.
+    let on = Receiver::on(&tracer, last, Side::Front, Barycentric { u: 0.3, v: 0.3 });
+    let receiver = Receiver { normal: -on.normal, geometric: -on.geometric, ..on };
+    let mut scratch = Scratch::default();
+    let mut ask = |samples: Samples, key: u64| {
+        let found = lights.direct(&receiver, samples, Key::new(5, Purpose::Test, key), &mut scratch);
+        f64::from(found.irradiance.x)
+    };
+    let expected = ask(Samples { count: 1 << 18, calm: false, shadows: 0 }, 0);
+    let squares: f64 = (1..101).map(|key| (ask(Samples::from(32), key) / expected - 1.0).powi(2)).sum();
+    // Of rays to the window each passes with a half: at random they would deviate by 1/√32, those to all of the sky by more than 1.
+    let deviation = (squares / 100.0).sqrt();
+    assert!(deviation < 1.2 / 32_f64.sqrt(), "{deviation}");
+}
+
 /// A lamp behind a card, a hundred times as bright as a window that is seen at a grazing angle past a bar: the window is all the light.
 #[test]
 fn where_the_brightest_is_hidden_the_rest_is_as_exact() {

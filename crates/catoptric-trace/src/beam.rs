@@ -174,6 +174,11 @@ impl Pyramid {
         Some(Self { hull, count, planes, sides, eye, spread, min, max, ignore: [near.id.0, far.id.0], skip })
     }
 
+    /// Whether all of some corners lie on one side of it: what is between them is not in it.
+    pub fn misses(&self, corners: &[Vec3]) -> bool {
+        self.planes().iter().any(|(normal, offset)| corners.iter().all(|&c| normal.dot(c) >= *offset))
+    }
+
     fn planes(&self) -> &[(Vec3, f32)] {
         &self.planes[..self.sides]
     }

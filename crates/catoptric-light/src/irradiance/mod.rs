@@ -1,14 +1,15 @@
 //! Irradiance at a point by area emitters and the sky: straight, and over image chains.
 //!
 //! Per emitter cell: Lambert's formula on the part above the horizon and inside the mirrors' windows. Where nothing is in the
-//! pyramid to it, that is the irradiance; where few triangles are, their shadows are cut out of it, exactly; where more are, the
-//! formula is multiplied by the mean throughput of stratified shadow rays, weighted by the integrand. Textures, coats and
+//! pyramid to it, that is the irradiance; where few triangles are, their shadows are cut out of it, exactly; where more are, those
+//! of walls are, and the formula for the rest is multiplied by the mean throughput of stratified shadow rays, weighted by the integrand. Textures, coats and
 //! what thins light on the way are sampled. Cosine lobes have a contour formula of their own, and their factor is part of
 //! the integrand.
 //!
-//! The file `seen` holds what a receiver sees of the emitters, `way` what is in the way to a large one, `shadow` how much of its light
+//! The file `seen` holds what a receiver sees of the emitters, `way` what is in the way to a large one, `blocker` the parts of which that is made, `shadow` how much of its light
 //! arrives, `shared` that of many small ones, `skylight` that of the dim sky, `lens` that of lamps in what shows them large.
 
+mod blocker;
 mod lens;
 mod seen;
 mod shadow;
@@ -34,6 +35,7 @@ use crate::sky::BrightSky;
 pub use lens::{LensBeside, LensLight, LensSeen};
 pub use skylight::{SkyView, Skylight};
 
+use blocker::Walls;
 use seen::{Found, Seeker};
 use shadow::{Budget, Tally, Target};
 use skylight::Cells;
@@ -63,6 +65,7 @@ pub struct Lights<'a> {
     bright: BrightSky,
     pub(crate) lenses: Lenses,
     params: LightParams,
+    walls: Walls,
     far: f32,
 }
 
@@ -190,7 +193,8 @@ impl<'a> Lights<'a> {
         };
         // Far enough that no parallax is left in f32, near enough that nothing overflows.
         let far = (tracer.diagonal() * 1e4).max(1.0);
-        Self { tracer, emitters, chains, bright, lenses: Lenses::default(), params, far }
+        let walls = Walls::new(scene, tracer.planes());
+        Self { tracer, emitters, chains, bright, lenses: Lenses::default(), params, walls, far }
     }
 
     /// The tracer.

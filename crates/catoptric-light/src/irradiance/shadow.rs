@@ -212,7 +212,7 @@ impl Lights<'_> {
         if look {
             let shots = match self.way(at, target, count, 0, scratch) {
                 Way::Among => Shots { among: true, ..shots },
-                Way::Unknown => shots,
+                Way::Unknown | Way::Partly { .. } => shots,
                 way => return self.known(at, target, way, &shots, scratch, tally),
             };
             let found = self.shoot(at, target, &shots, 0..LOOK, &mut sums, scratch, tally);
@@ -224,10 +224,18 @@ impl Lights<'_> {
         let shots = match self.way(at, target, count, shadows, scratch) {
             Way::Among => Shots { among: true, ..shots },
             Way::Unknown => shots,
+            Way::Partly { unit, among } => {
+                tally.hidden(unit / target.unit);
+                if unit <= 0.0 {
+                    return Rgb::ZERO;
+                }
+                sums = Sums::default();
+                Shots { among, parts: Some(unit), ..shots }
+            }
             way => return self.known(at, target, way, &shots, scratch, tally),
         };
         // A prefix of the sequence is stratified, too.
-        let first = if look { LOOK } else { 0 };
+        let first = if look && shots.parts.is_none() { LOOK } else { 0 };
         self.shoot(at, target, &shots, first..count, &mut sums, scratch, tally)
     }
 
@@ -380,6 +388,11 @@ impl Tally {
     fn exact(&mut self, share: f64) {
         self.least = self.least.min(if share < 1.0 - WHOLE { 0.0 } else { 1.0 });
         self.most = self.most.max(if share > WHOLE { 1.0 } else { 0.0 });
+    }
+
+    /// No more than this share of the present target may be seen.
+    fn hidden(&mut self, share: f64) {
+        self.least = self.least.min(if share < 1.0 - WHOLE { 0.0 } else { 1.0 });
     }
 
     /// All samples of the present target so far saw the same.

@@ -10,8 +10,10 @@ use catoptric_trace::{PlaneId, Tracer};
 
 use crate::chains::Unfolded;
 use crate::contour::{self, Polygon};
+use crate::lamp::Lamp;
 use crate::parts::{Parts, Shadow};
 
+use super::blocker::{Blocker, Walls};
 use super::shadow::{Goal, Target};
 use super::{Lights, Scratch, Standpoint};
 
@@ -26,6 +28,13 @@ pub(super) enum Way {
         unit: f64,
         /// What lets light pass before it.
         passes: Passing,
+    },
+    /// More than is known; but what the walls of the scene leave of the target is all that may be seen.
+    Partly {
+        /// Irradiance by unit radiance of what they leave.
+        unit: f64,
+        /// Nothing else than the suspects in the scratch is in the way.
+        among: bool,
     },
     /// The suspects in the scratch, at most.
     Among,
@@ -57,6 +66,9 @@ impl Passing {
         if is_clear { Self::Clear } else { Self::Varied }
     }
 }
+
+/// Samples keep to what walls leave of a target if that is less than this share of it.
+const MOST: f64 = 0.9;
 
 /// A packet of suspects is worth its finding if so many rays ask it.
 const RAYS_PER_SUSPECT: u32 = 8;
@@ -96,43 +108,59 @@ impl Lights<'_> {
         let mut near = End::new(position, receiver.geometric.as_dvec3(), receiver.plane);
         let mut eye = position;
         remainder.reset();
+        let mut is_known = true;
+        let mut from = receiver.plane;
         for (chain, level) in at.chain.iter().flat_map(|c| (0..c.planes.len()).map(move |level| (c, level))) {
             // Up to each mirror, towards the image of the light behind it.
             let (mirrors, id) = chain.mirrors_from(level)?;
             let image = mirrors.iter().rev().fold(base, |base, plane| base.reflected(plane));
             let far = End::mirror(&mirrors[0], id, eye);
             let pyramid = Pyramid::new(eye, &image, near, far, 0..0)?;
+            let before = (level > 0).then_some(near);
             if !self.tracer.suspects_in(&pyramid, shadows, suspects) {
-                return None;
-            }
-            if !suspects.is_empty() {
-                let before = (level > 0).then_some(near);
+                if shadows == 0 {
+                    return None;
+                }
+                let ends = [before, Some(far)];
+                remainder.cut_out_walls(&self.walls, target, &pyramid, eye, mirrors, ends, [from, id])?;
+                is_known = false;
+            } else if !suspects.is_empty() {
                 remainder.cut_out(self.tracer, target, eye, mirrors, [before, Some(far)], suspects)?;
             }
             eye = mirrors[0].reflect_point(eye);
             near = End::mirror(&mirrors[0], id, image.reflected(&mirrors[0]).corners()[0]);
+            from = id;
         }
         let far = End::behind(&base, eye, goal)?;
         // Rays over mirrors do not ask suspects: what stands between two mirrors is not among them.
         let packets = if at.chain.is_some() { 0 } else { packets };
         let pyramid = Pyramid::new(eye, &base, near, far, lamp)?;
-        if !self.tracer.suspects_in(&pyramid, (4 * packets).max(shadows), suspects) {
-            return None;
+        let are_listed = self.tracer.suspects_in(&pyramid, (4 * packets).max(shadows), suspects);
+        let before = at.chain.map(|_| near);
+        let ends = [before, Some(far)];
+        let are_cut = are_listed
+            && (suspects.is_empty()
+                || suspects.triangle_count() <= shadows
+                    && self.stand_before(target, suspects, eye)
+                    && remainder.cut_out(self.tracer, target, eye, &[], ends, suspects).is_some());
+        if are_cut && is_known {
+            let passes = remainder.passes;
+            let unit = remainder.is_begun.then(|| remainder.unit(target, at.image));
+            return Some(unit.map_or(Way::Free, |unit| Way::Seen { unit, passes }));
         }
-        if !suspects.is_empty() {
-            let before = at.chain.map(|_| near);
-            let is_cut = suspects.triangle_count() <= shadows
-                && self.stand_before(target, suspects, eye)
-                && remainder.cut_out(self.tracer, target, eye, &[], [before, Some(far)], suspects).is_some();
-            if !is_cut {
-                return (suspects.packet_count() <= packets).then_some(Way::Among);
+        let among = at.chain.is_none() && are_listed && suspects.packet_count() <= packets;
+        if shadows > 0 {
+            if !are_cut {
+                remainder.cut_out_walls(&self.walls, target, &pyramid, eye, &[], ends, [from, goal])?;
+            }
+            if remainder.is_begun {
+                let unit = remainder.unit(target, at.image);
+                if unit < MOST * target.unit {
+                    return Some(Way::Partly { unit, among });
+                }
             }
         }
-        Some(if remainder.is_begun {
-            Way::Seen { unit: remainder.unit(target, at.image), passes: remainder.passes }
-        } else {
-            Way::Free
-        })
+        among.then_some(Way::Among)
     }
 
     /// Whether all suspects stand before a target, as its shadow's blockers must: some may stand beside a lamp, or behind it.
@@ -191,10 +219,9 @@ impl Remainder {
                 self.passes = self.passes.max(Passing::of(tracer.scene().material_of(id)));
                 continue;
             }
-            let mut triangles = self.blockers.iter_mut().filter(|b| b.plane == plane && b.count == 3);
+            let mut triangles = self.blockers.iter_mut().filter(|b| b.may_join(plane));
             if !triangles.any(|triangle| triangle.join(corners)) {
-                let [a, b, c] = corners;
-                self.blockers.push(Blocker { corners: [a, b, c, c], count: 3, plane });
+                self.blockers.push(Blocker::triangle(corners, plane));
             }
         }
         // What hides most goes first: less is left to cut.
@@ -222,6 +249,42 @@ impl Remainder {
         Some(())
     }
 
+    /// Cuts out the shadows of the walls of a scene, in other planes than `beside`, as [`cut_out`](Self::cut_out) does: what is left may be
+    /// hidden by other things. `None` where the target has no area.
+    fn cut_out_walls(
+        &mut self,
+        walls: &Walls,
+        target: &Target,
+        pyramid: &Pyramid,
+        eye: DVec3,
+        mirrors: &[Plane],
+        ends: [Option<End>; 2],
+        beside: [PlaneId; 2],
+    ) -> Option<()> {
+        let [corners, spare] = &mut self.corners;
+        for wall in walls.beside(beside).filter(|wall| !pyramid.misses(wall.corners())) {
+            if !self.is_begun {
+                self.is_begun = true;
+                self.parts.reset(target.corners)?;
+            }
+            let frame = self.parts.frame().reflected(mirrors);
+            corners.clear();
+            corners.extend(wall.corners().iter().map(|c| c.as_dvec3()));
+            for end in ends.iter().flatten() {
+                contour::cut(corners, end.normal(), end.offset(), spare);
+            }
+            let is_before = |lamp: &Lamp| corners.iter().all(|c| (*c - eye).length() < lamp.distance(eye));
+            if matches!(target.to, Goal::Lamp(lamp) if !is_before(lamp)) {
+                continue;
+            }
+            let Some(shadow) = Shadow::cast(corners, eye, &frame) else { continue };
+            if !self.parts.remove(&shadow) || self.parts.is_empty() {
+                break;
+            }
+        }
+        Some(())
+    }
+
     /// Irradiance by unit radiance.
     fn unit(&mut self, target: &Target, image: &Unfolded) -> f64 {
         let lobed = target.cell.filter(|cell| !cell.lobe.is_diffuse());
@@ -239,84 +302,5 @@ impl Remainder {
     /// A point of it, uniform by area, by unit-square coordinates.
     pub(super) fn sample(&self, u: f64, v: f64) -> DVec3 {
         self.parts.sample(u, v)
-    }
-}
-
-/// A triangle, or a convex quadrilateral of two that share an edge.
-#[derive(Clone, Copy, Debug)]
-struct Blocker {
-    corners: [Vec3; 4],
-    count: usize,
-    plane: PlaneId,
-}
-
-impl Blocker {
-    fn corners(&self) -> &[Vec3] {
-        &self.corners[..self.count]
-    }
-
-    /// Adds a triangle of the same plane to one whose edge it shares, if the two are convex.
-    fn join(&mut self, other: [Vec3; 3]) -> bool {
-        for k in 0..3 {
-            let [a, b, c] = [0, 1, 2].map(|i| self.corners[(k + i) % 3]);
-            for m in 0..3 {
-                let [p, q, d] = [0, 1, 2].map(|i| other[(m + i) % 3]);
-                if a != q || b != p {
-                    continue;
-                }
-                let quad = [a, d, b, c];
-                let turn = |i: usize| {
-                    let [p, q, r] = [i, i + 1, i + 2].map(|i| quad[i % 4]);
-                    (q - p).cross(r - q)
-                };
-                let is_convex = (1..4).all(|i| turn(i).dot(turn(0)) > 0.0);
-                if is_convex {
-                    (self.corners, self.count) = (quad, 4);
-                }
-                return is_convex;
-            }
-        }
-        false
-    }
-
-    /// Solid angle from a point, about.
-    fn angle(&self, from: Vec3) -> f32 {
-        let [a, b, c, d] = self.corners.map(|corner| corner - from);
-        let squared = ((a + b + c) / 3.0).length_squared();
-        (a.cross(b).dot(c).abs() + a.cross(c).dot(d).abs()) / (2.0 * squared * squared.sqrt())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn triangles_that_share_an_edge_are_one_blocker_where_it_is_convex() {
-        let [a, b, c] = [Vec3::ZERO, Vec3::X, Vec3::Y];
-        let triangle = Blocker { corners: [a, b, c, c], count: 3, plane: PlaneId::NONE };
-        let joined = |far: Vec3, turn: usize| {
-            let mut blocker = triangle;
-            let other = [0, 1, 2].map(|i| [c, b, far][(i + turn) % 3]);
-            blocker.join(other).then_some(blocker)
-        };
-        for turn in 0..3 {
-            let far = Vec3::new(0.9, 0.8, 0.0);
-            let quad = joined(far, turn).expect("convex");
-            let sides = |corners: &[Vec3]| -> f32 {
-                (0..corners.len()).map(|i| corners[i].cross(corners[(i + 1) % corners.len()]).z).sum()
-            };
-            // The shoelace formula: twice the area, that of the first triangle and of the second.
-            assert!((sides(quad.corners()) - (1.0 + 0.7)).abs() < 1e-6, "{quad:?}");
-            // Beyond the line through a and b the quadrilateral would have a dent at b.
-            assert!(joined(Vec3::new(2.0, -0.5, 0.0), turn).is_none());
-        }
-        // The other way round, and apart.
-        let mut blocker = triangle;
-        assert!(!blocker.join([b, c, Vec3::ONE]));
-        assert!(!blocker.join([b * 2.0, c * 2.0, Vec3::ONE]));
-        // A right triangle of legs 1 at a distance of 10: 1/2 / 10².
-        let far = triangle.angle(Vec3::new(1.0 / 3.0, 1.0 / 3.0, 10.0));
-        assert!((far / 0.005 - 1.0).abs() < 0.02, "{far}");
     }
 }
