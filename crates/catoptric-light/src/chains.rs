@@ -10,6 +10,7 @@ use catoptric_trace::plane::Plane;
 use catoptric_trace::{PlaneId, Tracer};
 
 use crate::Receiver;
+use crate::chain_tree::ChainTree;
 use crate::contour::Polygon;
 use crate::emitter::Emitters;
 use crate::light_tree::{View, Windows};
@@ -45,6 +46,13 @@ pub struct Reflector {
     is_facet: bool,
 }
 
+impl Reflector {
+    /// All its pieces, for culling.
+    pub(crate) fn pieces(&self) -> &[Aperture] {
+        &self.pieces
+    }
+}
+
 /// Mirrors in the order in which a path from the receiver meets them.
 #[derive(Clone, Debug)]
 pub struct ImageChain {
@@ -77,11 +85,17 @@ pub struct ImageChains {
     reflectors: Vec<Reflector>,
     /// Those of facets last.
     chains: Vec<ImageChain>,
+    /// Of those before them.
+    tree: ChainTree,
+    /// There are more than are listed.
+    cut_short: bool,
+    /// Their planes, ascending.
+    listed: Vec<Vec<PlaneId>>,
     /// Planes of the facets that have a chain, ascending: they are many.
     facets: Vec<PlaneId>,
 }
 
-/// Chains of mirrors that are no facets, at most: each costs every gather a look.
+/// Chains of mirrors that are no facets, at most: where there are more, light over the others is followed from the sources.
 const MAX_CHAINS: usize = 64;
 /// Chains whose reflectances multiply to less are left to the hemisphere rays.
 const MIN_STRENGTH: f32 = 2e-3;
@@ -152,6 +166,7 @@ impl ImageChains {
                 .then(a.planes.len().cmp(&b.planes.len()))
                 .then(a.planes.cmp(&b.planes))
         });
+        let cut_short = found.len() > MAX_CHAINS;
         found.truncate(MAX_CHAINS);
         let balls = source_balls(tracer, emitters);
         let facets = (count..reflectors.len()).filter(|&r| is_lit[r]).map(|facet| {
@@ -166,7 +181,21 @@ impl ImageChains {
         for chain in &mut found {
             chain.windows = windows(&reflectors, &chain.reflectors);
         }
-        Self { reflectors, chains: found, facets }
+        let mut listed: Vec<Vec<PlaneId>> = found[..large].iter().map(|c| c.planes.clone()).collect();
+        listed.sort_unstable();
+        let tree = ChainTree::new(&reflectors, &found[..large]);
+        Self { reflectors, chains: found, tree, cut_short, listed, facets }
+    }
+
+    /// Whether there are more chains than are listed: light over the others is followed from the sources.
+    pub fn are_cut_short(&self) -> bool {
+        self.cut_short
+    }
+
+    /// Indices of the chains over which light may arrive at a receiver, as far as that is known at once, ascending.
+    pub(crate) fn seen_from(&self, position: DVec3, geometric: DVec3, seen: &mut Vec<u32>) {
+        self.tree.seen_from(position, geometric, seen);
+        seen.extend(self.listed.len() as u32..self.chains.len() as u32);
     }
 
     /// The chains.
@@ -181,9 +210,8 @@ impl ImageChains {
 
     /// Whether a sequence of planes is on the list.
     pub fn contains(&self, planes: &[PlaneId]) -> bool {
-        let large = self.chains.len() - self.facets.len();
         let is_facet = || matches!(planes, [plane] if self.facets.binary_search(plane).is_ok());
-        self.chains[..large].iter().any(|c| c.planes == planes) || is_facet()
+        self.listed.binary_search_by(|listed| listed.as_slice().cmp(planes)).is_ok() || is_facet()
     }
 }
 

@@ -2,6 +2,7 @@
 //!
 //! Does not know patches, meshes or cameras.
 
+mod chain_tree;
 pub mod chains;
 pub mod contour;
 pub mod emitter;

@@ -60,7 +60,7 @@ pub enum Source {
 }
 
 impl Lights<'_> {
-    /// The owner of a path from `source` whose events are `chain`. Every path has exactly one; of those of light-side rays, receivers take what
+    /// The owner of a path from `source` whose events are `chain`, in the order from the receiver on. Every path has exactly one; of those of light-side rays, receivers take what
     /// lamps send by way of a lens: [`Self::owner_from_lamp`].
     #[inline]
     pub fn owner(&self, source: Source, chain: &Chain) -> Owner {
@@ -72,11 +72,17 @@ impl Lights<'_> {
         }
     }
 
-    /// The owner of a path that a light-side ray from a lamp has found: beyond [`Self::owner`], whether receivers see it in a lens. `bend`: the
-    /// curved or refracting surface that was the last to change its direction, if it was one.
+    /// The owner of a path that a light-side ray has found, whose events are `chain`, in the order from the source on.
+    #[inline]
+    pub fn owner_from_light(&self, chain: &Chain) -> Owner {
+        self.owner(Source::Concentrated, &chain.reversed())
+    }
+
+    /// The same from a lamp: beyond that, whether receivers see it in a lens. `bend`: the curved or refracting surface that was the last to
+    /// change its direction, if it was one.
     #[inline]
     pub fn owner_from_lamp(&self, chain: &Chain, bend: Option<TriangleId>) -> Owner {
-        match self.owner(Source::Concentrated, chain) {
+        match self.owner_from_light(chain) {
             Owner::LightRays if bend.is_some_and(|t| self.lenses().hold(t)) => Owner::LensView,
             owner => owner,
         }
@@ -88,7 +94,9 @@ impl Lights<'_> {
             PathClass::Direct => Owner::EmitterCells,
             PathClass::Mirrored => match chain.planes() {
                 Some(planes) if self.chains().contains(planes) => Owner::ImageChain,
-                _ if chain.has_facets() && self.params().light_rays => Owner::LightRays,
+                _ if (chain.has_facets() || self.chains().are_cut_short()) && self.params().light_rays => {
+                    Owner::LightRays
+                }
                 _ => Owner::Hemisphere,
             },
             PathClass::Caustic if self.params().light_rays => Owner::LightRays,

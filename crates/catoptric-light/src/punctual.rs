@@ -18,6 +18,8 @@ impl Lights<'_> {
         }
         let position = receiver.position.as_dvec3();
         let (normal, geometric) = (receiver.normal.as_dvec3(), receiver.geometric.as_dvec3());
+        let mut seen = std::mem::take(&mut scratch.chains);
+        self.chains().seen_from(position, geometric, &mut seen);
         for (number, light) in lights.iter().enumerate() {
             let arriving = self.unoccluded(light, position, normal, geometric);
             if let Some((irradiance, target, cos)) = arriving {
@@ -29,7 +31,7 @@ impl Lights<'_> {
                 );
                 result.direct += irradiance * visible * receiver.coat.transmittance(cos);
             }
-            for chain in self.chains().chains() {
+            for chain in seen.iter().map(|&index| &self.chains().chains()[index as usize]) {
                 if !chain.may_reach_from(number, position) {
                     continue;
                 }
@@ -48,6 +50,7 @@ impl Lights<'_> {
                 result.mirrored += irradiance * share * receiver.coat.transmittance(cos);
             }
         }
+        scratch.chains = seen;
         result
     }
 

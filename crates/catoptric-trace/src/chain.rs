@@ -92,6 +92,16 @@ impl Chain {
         self.length == 0
     }
 
+    /// The events of the way back.
+    #[must_use]
+    pub fn reversed(mut self) -> Self {
+        let count = usize::from(self.planar);
+        if let Some(planes) = self.planes.get_mut(..count) {
+            planes.reverse();
+        }
+        self
+    }
+
     /// The planes of the planar reflections in order, `None` if there were more than are remembered.
     #[inline]
     pub fn planes(&self) -> Option<&[PlaneId]> {

@@ -83,6 +83,8 @@ pub struct Scratch {
     sky: Cells,
     waiting: Waiting,
     pub(crate) targets: Vec<Vec3>,
+    /// Over which light may be seen.
+    pub(crate) chains: Vec<u32>,
     /// Shadow rays cast (chains count one).
     pub rays: u64,
 }
@@ -277,15 +279,16 @@ impl<'a> Lights<'a> {
         let samples = samples.into();
         let mut sum = SourceIrradiance::DARK;
         let (position, normal) = (receiver.position.as_dvec3(), receiver.normal.as_dvec3());
-        for (index, chain) in self.chains.chains().iter().enumerate() {
+        let geometric = receiver.geometric.as_dvec3();
+        let mut seen = std::mem::take(&mut scratch.chains);
+        self.chains.seen_from(position, geometric, &mut seen);
+        for &index in &seen {
+            let chain = &self.chains.chains()[index as usize];
             if !chain.may_reach(position) {
                 continue;
             }
-            let Some(image) = self.chains.unfold(chain, position, normal, receiver.geometric.as_dvec3())
-            else {
-                continue;
-            };
-            let key = key.child(index as u32 + 1);
+            let Some(image) = self.chains.unfold(chain, position, normal, geometric) else { continue };
+            let key = key.child(index + 1);
             let at = Standpoint { receiver, chain: Some(chain), image: &image };
             let part = self.over(at, samples, known + sum.irradiance, key, scratch);
             sum.irradiance += part.irradiance;
@@ -295,6 +298,7 @@ impl<'a> Lights<'a> {
             sum.looked |= part.looked;
             sum.split += part.split;
         }
+        scratch.chains = seen;
         sum
     }
 

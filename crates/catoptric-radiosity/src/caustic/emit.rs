@@ -7,17 +7,17 @@
 use glam::{DVec3, Vec2};
 use rayon::prelude::*;
 
-use catoptric_light::{Lights, Owner, Source as Origin};
-use catoptric_scene::{AlphaMode, Cancelled, Progress, Rgb, TriangleId};
+use catoptric_light::{Lights, Owner};
+use catoptric_scene::{AlphaMode, Barycentric, Cancelled, Progress, Rgb, TriangleId};
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use catoptric_trace::walk::{self, Arrival, WalkParams};
 use catoptric_trace::{Chain, Event, Hit, Ledger, Ray};
 
 use crate::JOB;
 use crate::caustic::deposit::Deposit;
-use crate::caustic::source::{self, Source};
+use crate::caustic::source::{self, Beam, Source};
 use crate::caustic::table::Table;
-use crate::caustic::target::{self, Target};
+use crate::caustic::target::{self, Places, Target};
 use crate::display::Displayed;
 use crate::draft::Draft;
 
@@ -28,7 +28,10 @@ pub(super) struct Emission<'a> {
     base: &'a Displayed,
     walk: WalkParams,
     targets: Vec<Target>,
+    places: Places,
     sources: Vec<Source>,
+    /// Per source: share of its rays whose directions are drawn, not their ends.
+    straight: Vec<f32>,
     /// Per source: power that each target gets, about.
     importance: Vec<Vec<f32>>,
     choice: Table,
@@ -50,6 +53,9 @@ pub(super) struct Harvest {
     pub(super) ledger: Ledger,
 }
 
+/// Share of the rays of a lamp beside specular surfaces that are sent in cosine-weighted directions (with the others combined by the balance
+/// heuristic, Veach & Guibas 1995): between points near each other nothing else bounds what a ray carries.
+const STRAIGHT: f32 = 0.25;
 /// Rays of one unit of work.
 const CHUNK: u32 = 4096;
 /// Rays that learn which targets matter.
@@ -70,19 +76,22 @@ impl<'a> Emission<'a> {
         if !bright || !walk.extended {
             return None;
         }
-        let targets = target::collect(lights.tracer());
+        let targets = target::collect(lights);
         if targets.is_empty() {
             return None;
         }
         let sources = source::collect(lights, &targets, seed);
         let walk = WalkParams { from_light: true, ..walk };
+        let straight = sources.iter().map(|s| if s.is_beside(&targets) { STRAIGHT } else { 0.0 }).collect();
         let mut emission = Self {
             lights,
             draft,
             base,
             walk,
+            places: Places::new(&targets),
             targets,
             sources,
+            straight,
             importance: Vec::new(),
             choice: Table::default(),
             tables: Vec::new(),
@@ -195,11 +204,31 @@ impl<'a> Emission<'a> {
         let (source, source_share, left) = self.choice.pick(e.x);
         let at_source = Vec2::new(left, e.y);
         let (chosen, target_share, left) = self.tables[source].pick(t.x);
-        let source = &self.sources[source];
         let target = &self.targets[chosen];
         let (u, v) = triangle_point(Vec2::new(left, t.y));
-        let probability = source_share * target_share / target.area;
-        self.follow(source, at_source, target, (u, v), probability, keys.walk.child(index), harvest);
+        let straight = if keys.learn { 0.0 } else { self.straight[source] };
+        let density = |target_share: f32, target: &Target| Density {
+            source: source_share,
+            target: (1.0 - straight) * target_share / target.area,
+            straight,
+        };
+        let (table, source, key) = (&self.tables[source], &self.sources[source], keys.walk.child(index));
+        // One of four by chance: every fourth would have a quarter of the sequence.
+        if straight > 0.0 && keys.straight.uniform(index) < straight {
+            let towards = keys.direction.point2(index);
+            let met = source.ray(self.lights, at_source, towards).and_then(|ray| {
+                let hit = self.lights.tracer().nearest(&ray, f32::INFINITY)?;
+                Some((hit.at, self.places.part(hit.triangle, hit.at)?))
+            });
+            if let Some((at, met)) = met {
+                let target = &self.targets[met];
+                let density = density(table.share(met), target);
+                self.follow(source, at_source, target, at, density, key, harvest);
+            }
+            return chosen;
+        }
+        let density = density(target_share, target);
+        self.follow(source, at_source, target, target.at(u, v), density, key, harvest);
         chosen
     }
 
@@ -208,14 +237,13 @@ impl<'a> Emission<'a> {
         source: &Source,
         at_source: Vec2,
         target: &Target,
-        at_target: (f32, f32),
-        density: f32,
+        at: Barycentric,
+        density: Density,
         key: Key,
         harvest: &mut Harvest,
     ) {
         let tracer = self.lights.tracer();
         let scene = tracer.scene();
-        let at = target.at(at_target.0, at_target.1);
         if scene.is_cut_out(target.triangle, at) {
             return;
         }
@@ -225,7 +253,7 @@ impl<'a> Emission<'a> {
             return;
         };
         // The walk carries a colour, the deposits take the strength.
-        let strength = beam.power.max_element() / density;
+        let strength = beam.power.max_element() / density.of(&beam);
         let color = beam.power / beam.power.max_element();
 
         // The first deviating event: what goes straight on belongs to other terms.
@@ -273,7 +301,7 @@ impl<'a> Emission<'a> {
             let owner = if source.is_lamp() {
                 self.lights.owner_from_lamp(arrival.chain, last.by)
             } else {
-                self.lights.owner(Origin::Concentrated, arrival.chain)
+                self.lights.owner_from_light(arrival.chain)
             };
             let ours = owner == Owner::LightRays;
             if ours && self.deposit(arrival, strength, harvest) {
@@ -335,6 +363,23 @@ impl<'a> Emission<'a> {
     }
 }
 
+/// How likely a pair of points is tried, per area of the target, but for the choice of the point of the source.
+#[derive(Clone, Copy)]
+struct Density {
+    /// Of the source.
+    source: f32,
+    /// Of a point of the target, chosen as such.
+    target: f32,
+    /// Of a drawn direction.
+    straight: f32,
+}
+
+impl Density {
+    fn of(self, beam: &Beam) -> f32 {
+        self.source * (self.target + self.straight * beam.straight)
+    }
+}
+
 impl Harvest {
     /// Adds what another range of rays brought.
     pub(super) fn add(&mut self, mut other: Harvest) {
@@ -381,11 +426,16 @@ struct Keys {
     source: Key,
     target: Key,
     walk: Key,
+    straight: Key,
+    direction: Key,
+    /// Only targets are learned about.
+    learn: bool,
 }
 
 impl Keys {
     fn new(seed: u32, series: u32) -> Self {
         let key = Key::new(seed, Purpose::LightRay, u64::from(series));
-        Self { source: key.child(0), target: key.child(1), walk: key.child(2) }
+        let [source, target, walk, straight, direction] = [0, 1, 2, 3, 4].map(|k| key.child(k));
+        Self { source, target, walk, straight, direction, learn: series == 0 }
     }
 }

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 use catoptric_light::Lights;
 use catoptric_light::emitter::Cell;
 use catoptric_scene::{Lobe, PunctualKind, Rgb, Sky};
-use catoptric_trace::sequence::{Key, Purpose, uniform_sphere};
-use catoptric_trace::{MediumId, MediumStack, PlaneId};
+use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame, uniform_sphere};
+use catoptric_trace::{MediumId, MediumStack, PlaneId, Ray};
 
 use crate::caustic::table::Table;
 use crate::caustic::target::Target;
@@ -47,6 +47,8 @@ pub(super) struct Beam {
     pub(super) direction: Vec3,
     /// Power per area of the target, over the density with which the point of the source was chosen.
     pub(super) power: Rgb,
+    /// Density per area of the target with which a ray of a cosine-weighted direction from that point meets this one; 0 where none does.
+    pub(super) straight: f32,
 }
 
 /// Groups of sources times targets, at most.
@@ -54,6 +56,8 @@ const MAX_TABLE: usize = 4_000_000;
 const MAX_SOURCES: usize = 64;
 /// Cells are cut until they are this small against their distance from the targets.
 const CELL_RATIO: f32 = 0.25;
+/// Of lamps whose middle is within so many radii of a target, rays are also sent in directions of their own.
+const BESIDE: f32 = 1.25;
 /// Targets count as this share of a group's radius away, at least.
 const NEAREST: f32 = 0.25;
 
@@ -306,6 +310,24 @@ impl Source {
         size * there * falloff / (distance * distance)
     }
 
+    /// Whether targets are nearer than it is large: towards those beside it, power per area has no bound.
+    pub(super) fn is_beside(&self, targets: &[Target]) -> bool {
+        self.is_lamp() && nearest(targets, self.center) < BESIDE * self.radius
+    }
+
+    /// A ray from a point of a lamp by `at`, as [`connect`](Self::connect) has it, in a direction by `towards` ∈ [0, 1)².
+    pub(super) fn ray(&self, lights: &Lights, at: Vec2, towards: Vec2) -> Option<Ray> {
+        let Kind::Cells { members, table, low, size } = &self.kind else { return None };
+        let (member, _, left) = table.pick(at.x);
+        let cell = &lights.emitters().cells()[members[member] as usize];
+        let s = *low + Vec2::new(left, at.y) * *size;
+        let origin = cell.point(f64::from(s.x), f64::from(s.y)).as_vec3();
+        let normal = cell.normal.as_vec3();
+        let ((x, y), local) = (frame(normal), cosine_hemisphere(towards));
+        let direction = x * local.x + y * local.y + normal * local.z;
+        Some(Ray { origin, direction, from: cell.plane })
+    }
+
     /// A point of the source by `at` ∈ [0, 1)², and what it sends straight to a point of a target's plane.
     pub(super) fn connect(
         &self,
@@ -336,7 +358,9 @@ impl Source {
                 let seen = tracer.visibility(origin.as_vec3(), cell.plane, point, plane);
                 let medium = tracer.media().transmittance(self.media.current(), distance as f32);
                 let power = radiance * seen * medium * (sent * area / f64::from(probability)) as f32;
-                beam(direction.as_vec3(), power)
+                let straight = if seen == Rgb::ONE { sent / std::f64::consts::PI } else { 0.0 };
+                let beam = beam(direction.as_vec3(), power)?;
+                Some(Beam { straight: straight as f32, ..beam })
             }
             Kind::Punctual(index) => {
                 let light = &tracer.scene().lights()[*index as usize];
@@ -394,7 +418,7 @@ impl Source {
 
 #[inline]
 fn beam(direction: Vec3, power: Rgb) -> Option<Beam> {
-    (power.max_element() > 0.0).then_some(Beam { direction, power })
+    (power.max_element() > 0.0).then_some(Beam { direction, power, straight: 0.0 })
 }
 
 #[cfg(test)]
@@ -423,7 +447,7 @@ mod tests {
         let lights = Lights::new(&tracer, LightParams::default());
         let cells = lights.emitters().cells().len();
         assert!(cells > 2 * MAX_SOURCES, "{cells}");
-        let targets = target::collect(&tracer);
+        let targets = target::collect(&lights);
         for limit in [MAX_SOURCES, 7] {
             let mut sources = Vec::new();
             super::cells(&lights, &targets, limit, &mut sources);

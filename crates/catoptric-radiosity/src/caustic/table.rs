@@ -27,6 +27,12 @@ impl Table {
         Self { cumulative, total }
     }
 
+    /// The exact probability of a choice.
+    #[inline]
+    pub(super) fn share(&self, index: usize) -> f32 {
+        self.cumulative[index] - if index == 0 { 0.0 } else { self.cumulative[index - 1] }
+    }
+
     /// The choice for `u` ∈ [0, 1), its exact probability, and what is left of `u`, again in [0, 1).
     #[inline]
     pub(super) fn pick(&self, u: f32) -> (usize, f32, f32) {
