@@ -10,8 +10,8 @@ use catoptric_scene::{Scene, TriangleId};
 use catoptric_trace::BoxTree;
 use catoptric_trace::plane::bounds_of;
 
+use crate::arrangement::{Points, outline};
 use crate::face::{FaceDraft, Frame};
-use crate::triangulate::{Points, outline};
 use crate::union::Union;
 
 /// A segment in the plane coordinates of a face.

@@ -15,6 +15,7 @@ use catoptric_scene::{Barycentric, TriangleId};
 use catoptric_trace::interaction::Coat;
 use catoptric_trace::{MediumId, MediumStack, Tracer};
 
+use crate::arrangement::distinct;
 use crate::contact::{Obstacles, Segment, gaps_at};
 use crate::cut::cuts;
 use crate::display::Displayed;
@@ -22,7 +23,7 @@ use crate::face::{FaceDraft, faces};
 use crate::inset::INSET;
 use crate::lattice::Lattice;
 use crate::media::find_media;
-use crate::triangulate::{FlatMesh, distinct, triangulate};
+use crate::triangulate::{FlatMesh, triangulate};
 use crate::union::Union;
 
 /// A vertex under refinement.
