@@ -1,5 +1,6 @@
 //! Contact lines: where other surfaces touch or cross a face (Baum et al. 1991). Light and shadow end there, so the
-//! mesh must too, with vertices of its own on each side.
+//! mesh must too, with vertices of its own on each side. `crossing` has where they cross, `plates` what hangs before a face, `feet` what
+//! stands on it.
 
 use std::collections::BTreeMap;
 
@@ -10,9 +11,16 @@ use catoptric_scene::{Scene, TriangleId};
 use catoptric_trace::BoxTree;
 use catoptric_trace::plane::bounds_of;
 
-use crate::face::{FaceDraft, Frame};
-use crate::triangulate::{Points, outline};
-use crate::union::Union;
+use crate::arrangement::{Points, outline};
+use crate::face::FaceDraft;
+
+mod crossing;
+mod feet;
+mod plates;
+
+use crossing::{clip, crossing};
+use feet::{Feet, SHORT, foot};
+use plates::{HANGING, SOFT, is_parallel, plates};
 
 /// A segment in the plane coordinates of a face.
 pub type Segment = [DVec2; 2];
@@ -133,7 +141,7 @@ impl Obstacles {
         let mut segments = Distinct::new(tolerance);
         // The two sides of a plate have one outline: apart, or each edge of it would lie between two triangles.
         let mut hanging: [Vec<([DVec2; 3], f64)>; 2] = [Vec::new(), Vec::new()];
-        let mut feet = Feet { gap: SHORT * spacing.min(extent(own).length()), tolerance, edges: Vec::new() };
+        let mut feet = Feet::new(SHORT * spacing.min(extent(own).length()), tolerance);
         for id in near.into_iter().map(TriangleId) {
             if face.triangles.binary_search(&id).is_ok() {
                 continue;
@@ -254,76 +262,6 @@ pub(crate) fn gaps_at(points: &[DVec2], contacts: &[Contact], tolerance: f64) ->
     points.iter().map(gap).collect()
 }
 
-/// [`Contact::foot`] of a triangle that stands on a face, if it is upright; it darkens what it shows its front to.
-fn foot(corners: &[DVec3; 3], frame: &Frame, side: f64) -> DVec2 {
-    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
-    let along = frame.flat(frame.origin + normal) - frame.flat(frame.origin);
-    let height = corners.iter().map(|&c| frame.height(c) * side).fold(0.0, f64::max);
-    if along.length() < UPRIGHT { DVec2::ZERO } else { along.normalize_or_zero() * height }
-}
-
-/// Sine of the angle at which something stands on a face, at least, that counts as upright.
-const UPRIGHT: f64 = 0.9;
-
-/// What hangs parallel before a face nearer than this share of the edge length leaves its outline there.
-const HANGING: f64 = 0.2;
-
-/// What stands before a face with an edge nearer than this share of the edge length, or of the face's size, touches it, as
-/// the mesh sees it: light differs as much between its two sides, and what passes below is narrower than elements.
-const SHORT: f64 = 0.05;
-/// Sine of the angle by which it rises, at least: the facets at the foot of a ball do not stand on their edges.
-const STEEP: f64 = 0.3;
-
-/// Edges near a face, to find those on which something stands: cards, mirrors that lean, legs that end just above the floor.
-struct Feet {
-    /// Edges are near below this height, metres.
-    gap: f64,
-    tolerance: f64,
-    /// Edges by the bits of their ends, with what is known of each from one triangle.
-    edges: Vec<([[u64; 3]; 2], Foot)>,
-}
-
-/// How a triangle lies beside one of its edges.
-#[derive(Clone, Copy)]
-enum Foot {
-    /// It rises from the edge steeply.
-    Standing,
-    /// It reaches below the edge: nothing ends here.
-    Below,
-}
-
-impl Feet {
-    /// Adds the edges of a triangle, whose corners are at `heights` metres before the face.
-    fn push(&mut self, corners: &[DVec3; 3], heights: &[f64; 3]) {
-        for k in 0..3 {
-            let (a, b, apex) = (k, (k + 1) % 3, (k + 2) % 3);
-            let is_near = |h: f64| (-self.tolerance..self.gap).contains(&h);
-            if !is_near(heights[a]) || !is_near(heights[b]) {
-                continue;
-            }
-            let along = corners[b] - corners[a];
-            let across = along.cross(corners[apex] - corners[a]).length() / along.length();
-            let foot = if heights[apex] - heights[a].max(heights[b]) > STEEP * across {
-                Foot::Standing
-            } else if heights[apex] < heights[a].min(heights[b]) - self.tolerance {
-                Foot::Below
-            } else {
-                continue;
-            };
-            let ends = [a, b].map(|i| corners[i].to_array().map(f64::to_bits));
-            self.edges.push(([ends[0].min(ends[1]), ends[0].max(ends[1])], foot));
-        }
-    }
-
-    /// The edges from which all triangles that share them rise.
-    fn standing(mut self) -> Vec<[DVec3; 2]> {
-        self.edges.sort_unstable_by_key(|&(ends, _)| ends);
-        let alike = self.edges.chunk_by(|a, b| a.0 == b.0);
-        let standing = alike.filter(|edge| edge.iter().all(|(_, foot)| matches!(foot, Foot::Standing)));
-        standing.map(|edge| edge[0].0.map(|bits| DVec3::from_array(bits.map(f64::from_bits)))).collect()
-    }
-}
-
 /// Contact lines on a face for each square of the edge length that it covers, and one more, at most.
 const SEGMENTS_PER_SQUARE: f64 = 100.0;
 /// Faces that may have more, at most.
@@ -338,33 +276,6 @@ const NEAR: usize = 16;
 /// asked for, the work is proportional to the number of faces at most, whatever lies on whatever.
 fn worthwhile(area: f64, spacing: f64) -> usize {
     (SEGMENTS_PER_SQUARE * (1.0 + area / (spacing * spacing))).min(MAX_SEGMENTS as f64) as usize
-}
-
-/// What hangs before a face, in its plane coordinates.
-struct Plate {
-    triangles: Vec<[DVec2; 3]>,
-    /// Of its lowest corner before the face, metres.
-    height: f64,
-}
-
-/// Triangles (with the heights of their lowest corners), by what hangs together.
-fn plates(triangles: &[([DVec2; 3], f64)], tolerance: f64) -> Vec<Plate> {
-    let mut points = Points::new(tolerance);
-    let ids: Vec<[u32; 3]> = triangles.iter().map(|(corners, _)| corners.map(|p| points.id(p))).collect();
-    let mut together = Union::new(points.len());
-    for [a, b, c] in &ids {
-        together.join(*a, *b);
-        together.join(*b, *c);
-    }
-    let mut plates: BTreeMap<u32, Plate> = BTreeMap::new();
-    for (&(corners, height), ids) in triangles.iter().zip(&ids) {
-        let plate = plates
-            .entry(together.find(ids[0]))
-            .or_insert(Plate { triangles: Vec::new(), height: f64::INFINITY });
-        plate.triangles.push(corners);
-        plate.height = plate.height.min(height);
-    }
-    plates.into_values().collect()
 }
 
 /// Area of triangles, m².
@@ -413,71 +324,6 @@ impl Distinct {
             None => self.list.push(contact),
         }
     }
-}
-
-/// … and parts light there if it hangs lower than this share of the root of its area: behind a lamp of 12 cm, 2 cm before the ceiling,
-/// the dark comes and goes within centimetres, and is seen past the lamp.
-const SOFT: f64 = 0.05;
-
-/// Heights of the corners of what hangs parallel differ by less than this share of its longest edge: the facets of a ball on a
-/// table do not hang, and what is below them is seen.
-const SLANT: f64 = 0.05;
-/// … and by less than this share of the gap.
-const LEVEL: f64 = 0.1;
-
-/// Whether a triangle hangs nearly parallel before the face, nearer than `gap`.
-fn is_parallel(corners: &[DVec3; 3], heights: &[f64; 3], gap: f64, tolerance: f64, side: f64) -> bool {
-    let above = heights.map(|h| h * side);
-    let (low, high) = (above[0].min(above[1]).min(above[2]), above[0].max(above[1]).max(above[2]));
-    let longest = (0..3).map(|k| (corners[(k + 1) % 3] - corners[k]).length()).fold(0.0, f64::max);
-    low > tolerance && high < gap && high - low < (LEVEL * gap).min(SLANT * longest)
-}
-
-/// Where a triangle meets the plane of height zero.
-fn crossing(corners: &[DVec3; 3], heights: &[f64; 3], tolerance: f64) -> Option<[DVec3; 2]> {
-    let mut points: [DVec3; 4] = [DVec3::ZERO; 4];
-    let mut count = 0;
-    let mut push = |p: DVec3| {
-        if count < points.len() {
-            points[count] = p;
-            count += 1;
-        }
-    };
-    for k in 0..3 {
-        if heights[k].abs() <= tolerance {
-            push(corners[k]);
-        }
-        let next = (k + 1) % 3;
-        let (a, b) = (heights[k], heights[next]);
-        if (a > tolerance && b < -tolerance) || (a < -tolerance && b > tolerance) {
-            push(corners[k].lerp(corners[next], a / (a - b)));
-        }
-    }
-    if count < 2 {
-        return None;
-    }
-    let pair = [points[0], points[1]];
-    ((pair[1] - pair[0]).length() > 4.0 * tolerance).then_some(pair)
-}
-
-/// The part of a segment inside a triangle of plane coordinates.
-fn clip(segment: &Segment, triangle: &[DVec2; 3], tolerance: f64) -> Option<Segment> {
-    let [mut a, mut b] = *segment;
-    let turn = (triangle[1] - triangle[0]).perp_dot(triangle[2] - triangle[0]).signum();
-    for k in 0..3 {
-        let (p, q) = (triangle[k], triangle[(k + 1) % 3]);
-        let edge = (q - p).normalize_or_zero() * turn;
-        let (da, db) = (edge.perp_dot(a - p), edge.perp_dot(b - p));
-        // Lines along the triangle's own border stay.
-        let (ia, ib) = (da >= -tolerance, db >= -tolerance);
-        match (ia, ib) {
-            (false, false) => return None,
-            (true, true) => {}
-            (true, false) => b = a.lerp(b, (da / (da - db)).clamp(0.0, 1.0)),
-            (false, true) => a = b.lerp(a, (db / (db - da)).clamp(0.0, 1.0)),
-        }
-    }
-    ((b - a).length() > 4.0 * tolerance).then_some([a, b])
 }
 
 #[cfg(test)]

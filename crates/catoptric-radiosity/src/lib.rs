@@ -3,6 +3,7 @@
 //! Does not know cameras or images.
 
 mod allocation;
+mod arrangement;
 pub mod caustic;
 pub mod coarse;
 pub mod contact;

@@ -1,4 +1,6 @@
 //! Pass one from end to end: mesh, sources, coarse solve, final gather.
+//!
+//! The file is long since it is one list: the steps of pass one in their order, with the parameters of each.
 
 use rayon::prelude::*;
 

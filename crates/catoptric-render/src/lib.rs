@@ -12,6 +12,7 @@ mod penumbrae;
 pub mod pixel;
 pub mod render;
 mod resolution;
+mod supersampling;
 
 pub use direct::DirectLight;
 pub use render::{RenderParams, RenderReport, Rendered, render};

@@ -6,24 +6,28 @@
 //! 1 and the quadrature subdivides towards them. Curved mirrors, coats, panes and glass are no images: paths over any
 //! of them are found by hemisphere rays and added.
 //!
-//! The file is long since walls, targets, mirrors and the way of a point's look among them are one thing; `beams` joins windows,
-//! `visible` clips, `quadrature` has the rules.
+//! `stage` has walls, targets and mirrors, `view` the way of a point's look among them; `beams` joins windows, `visible` clips,
+//! `quadrature` has the rules.
 
 use std::collections::BinaryHeap;
-use std::f64::consts::PI;
 use std::ops::Range;
 
 use glam::DVec3;
 
-use catoptric_light::contour::{Polygon, irradiance};
-use catoptric_scene::{AlphaMode, Barycentric, Side, TriangleId};
+use catoptric_light::contour::Polygon;
+use catoptric_scene::{AlphaMode, Side, TriangleId};
 use catoptric_trace::{PlaneId, Tracer};
 
-use super::beams::{Beam, Beams, without_short_edges};
 use super::elements::joined;
 use super::quadrature::{COARSE, Cell, FINE, Integral, Place, Rule};
-use super::visible::{Blocker, Shadows, Sight};
+use super::visible::{Blocker, Shadows};
 use super::{ElementSet, Entry, FactorRow, FormFactors, MethodError, MethodParams, Piece, rays};
+
+mod stage;
+mod view;
+
+use stage::{Mirror, Stage, Target, mirror_of};
+use view::{STRIPS, Scratch, View};
 
 /// Polygons of a scene, at most: every point of the quadrature clips each by all others.
 pub const MAX_POLYGONS: usize = 4_000;
@@ -32,10 +36,6 @@ pub const MAX_POLYGONS: usize = 4_000;
 const THIN: [f64; 5] = [1e-5, 1e-6, 1e-7, 1e-8, 1e-9];
 /// Thousands of beams end at the limit, some per cent of each in the wrong place, most of them on either side.
 const THIN_SHARE: f64 = 1e-3;
-/// Strips into which thin beams are cut.
-const STRIPS: usize = 8;
-/// Share of the power below which a strip's ray has nothing left: far less than sums round off.
-const NOTHING: f64 = 1e-13;
 /// Polygons that a point may look at.
 const POINT_WORK: u64 = 500_000;
 /// Light is summed on cells of its own up to so many reflections, up to so many more, and from there on. What comes straight
@@ -48,8 +48,6 @@ const MIRROR_TOLERANCE: f64 = 5e-7;
 const ROUGH: f64 = 1e-4;
 /// Polygons looked at per element, at most: with many mirrors every point is dear. The error is told.
 const MAX_WORK: u64 = 20_000_000;
-/// Reflections after which a beam goes on as its central ray, and a central ray ends.
-const MAX_REFLECTIONS: usize = 1_000;
 
 /// The method.
 pub struct Analytic<'a> {
@@ -73,88 +71,6 @@ pub struct Analytic<'a> {
     exact: Vec<bool>,
     /// Something in the scene sends light on in another way.
     rest: bool,
-}
-
-/// A side of a wall that reflects.
-#[derive(Clone, Copy, Debug)]
-struct Mirror {
-    outline: Polygon,
-    plane: PlaneId,
-    normal: DVec3,
-    offset: f64,
-    reflectance: DVec3,
-}
-
-/// A receiving piece.
-#[derive(Clone, Debug)]
-struct Target {
-    outline: Polygon,
-    plane: PlaneId,
-    normal: DVec3,
-    offset: f64,
-    /// Index of the element; the number of elements for black backs.
-    element: usize,
-}
-
-/// What lies in front of a plane, clipped to it.
-#[derive(Clone, Debug, Default)]
-struct Stage {
-    blockers: Vec<Blocker>,
-    targets: Vec<Target>,
-    mirrors: Vec<(usize, Polygon)>,
-}
-
-/// An eye, or its image in the last mirror, and the opening through which it looks.
-struct View<'s> {
-    eye: DVec3,
-    normal: DVec3,
-    stage: &'s Stage,
-    window: Option<&'s Polygon>,
-    weight: DVec3,
-}
-
-impl<'s> View<'s> {
-    fn from(eye: DVec3, normal: DVec3, stage: &'s Stage) -> Self {
-        Self { eye, normal, stage, window: None, weight: DVec3::ONE }
-    }
-
-    fn of(beam: &'s Beam, stages: &'s [Stage]) -> Self {
-        let &Beam { mirror, eye, normal, weight, ref window, .. } = beam;
-        Self { eye, normal, stage: &stages[mirror], window: Some(window), weight }
-    }
-}
-
-/// What a row keeps account of.
-struct Scratch {
-    shadows: Shadows,
-    buffers: [Polygon; 2],
-    parts: Vec<Polygon>,
-    /// Polygons that were looked at.
-    work: u64,
-    /// Looking ends where more have been looked at.
-    stop: u64,
-    /// Beams that carry less are thin.
-    thin: f64,
-    /// What thin beams brought to each element from the present eye.
-    landed: Vec<f64>,
-}
-
-impl Scratch {
-    /// Visits the parts of a polygon in the plane `plane` that are in sight and in no shadow.
-    fn visible(&mut self, sight: &Sight, outline: &Polygon, plane: PlaneId, mut visit: impl FnMut(&Polygon)) {
-        let seen = sight.clip(outline, &mut self.buffers);
-        if seen.is_empty() {
-            return;
-        }
-        if !self.shadows.touch(seen, plane) {
-            visit(seen);
-            return;
-        }
-        self.parts.clear();
-        self.parts.push(*seen);
-        self.shadows.subtract(&mut self.parts, plane);
-        self.parts.iter().for_each(visit);
-    }
 }
 
 impl<'a> Analytic<'a> {
@@ -212,244 +128,6 @@ impl<'a> Analytic<'a> {
         Ok(analytic)
     }
 
-    fn add_wall(&mut self, piece: &Piece) {
-        let Some(wall) = Blocker::new(piece.outline, piece.plane) else { return };
-        let back = self.tracer.has_back(piece.triangle);
-        if self.params.walk.extended
-            && let Some(reflectance) = mirror_of(self.tracer, piece.triangle)
-        {
-            let front = Mirror {
-                outline: piece.outline,
-                plane: piece.plane,
-                normal: piece.normal,
-                offset: piece.normal.dot(piece.outline.corners()[0]),
-                reflectance,
-            };
-            if back {
-                self.mirrors.push(Mirror { normal: -front.normal, offset: -front.offset, ..front });
-            }
-            self.mirrors.push(front);
-        }
-        if !back {
-            let mut target = Target::new(piece, self.set.len());
-            target.normal = -target.normal;
-            target.offset = -target.offset;
-            self.targets.push(target);
-        }
-        let reflectance = self.params.walk.extended.then(|| mirror_of(self.tracer, piece.triangle)).flatten();
-        let corners = wall.outline.corners();
-        let edge = |k: usize| {
-            let along = corners[(k + 1) % corners.len()] - corners[k];
-            (wall.normal.cross(along), -1e-9 * along.length_squared())
-        };
-        self.edges.push((0..corners.len()).map(edge).collect());
-        self.walls.push(wall);
-        self.triangles.push(piece.triangle);
-        self.reflectances.push(reflectance);
-    }
-
-    /// Whether all walls lie on one side of a wall's plane, within the rounding of positions.
-    fn is_outer(&self, wall: &Blocker) -> bool {
-        let heights = self
-            .walls
-            .iter()
-            .filter(|w| w.plane != wall.plane)
-            .flat_map(|w| w.outline.corners().iter().map(|c| wall.normal.dot(*c) - wall.offset));
-        let (low, high) = heights.fold((0.0_f64, 0.0_f64), |(low, high), h| (low.min(h), high.max(h)));
-        let rounding = 1e-6 * f64::from(self.tracer.diagonal());
-        low > -rounding || high < rounding
-    }
-
-    /// What is in front of a plane.
-    fn stage(&self, normal: DVec3, offset: f64, plane: PlaneId) -> Stage {
-        let clip = |p: &Polygon| {
-            let part = p.clipped(normal, offset);
-            // A sliver within rounding of the plane is in it.
-            let height = part.corners().iter().map(|c| normal.dot(*c) - offset).fold(0.0, f64::max);
-            (!part.is_empty() && height > 1e-9 * (1.0 + offset.abs())).then_some(part)
-        };
-        let other = |p: PlaneId| p != plane;
-        Stage {
-            blockers: self
-                .walls
-                .iter()
-                .zip(&self.outer)
-                .filter(|(w, outer)| other(w.plane) && !**outer)
-                .filter_map(|(w, _)| Some(Blocker { outline: clip(&w.outline)?, ..w.clone() }))
-                .collect(),
-            targets: self
-                .targets
-                .iter()
-                .filter(|t| other(t.plane))
-                .filter_map(|t| Some(Target { outline: clip(&t.outline)?, ..t.clone() }))
-                .collect(),
-            mirrors: self
-                .mirrors
-                .iter()
-                .enumerate()
-                .filter(|(_, m)| other(m.plane))
-                .filter_map(|(index, m)| Some((index, clip(&m.outline)?)))
-                .collect(),
-        }
-    }
-
-    /// Adds F(eye → j) for all j, as far as it comes over a number of reflections within `band`, to `out`.
-    fn look(&self, eye: &View, band: &Range<usize>, out: &mut [DVec3], scratch: &mut Scratch) {
-        let diagonal = f64::from(self.tracer.diagonal());
-        let mut beams = Beams::new(diagonal);
-        self.look_once(eye, 0, band, out, &mut beams, scratch);
-        for depth in 1..=MAX_REFLECTIONS {
-            let level = beams.finished();
-            if level.is_empty() {
-                return;
-            }
-            beams = Beams::new(diagonal);
-            for beam in &level {
-                if scratch.work > scratch.stop {
-                    return;
-                }
-                if depth < MAX_REFLECTIONS && beam.factor * beam.weight.max_element() >= scratch.thin {
-                    self.look_once(&View::of(beam, &self.stages), depth, band, out, &mut beams, scratch);
-                } else if band.contains(&depth) {
-                    self.follow_strips(beam, out, &mut scratch.landed);
-                }
-            }
-        }
-    }
-
-    /// What is seen without a further reflection: targets add to `out`, mirrors to `beams`.
-    fn look_once(
-        &self,
-        view: &View,
-        depth: usize,
-        band: &Range<usize>,
-        out: &mut [DVec3],
-        beams: &mut Beams,
-        scratch: &mut Scratch,
-    ) {
-        scratch.work += (view.stage.targets.len() + view.stage.mirrors.len()) as u64;
-        let sight = Sight::through(view.eye, view.window);
-        scratch.shadows.cast(view.stage.blockers.iter().filter(|b| sight.meets(&b.outline)), view.eye);
-        if band.contains(&depth) {
-            for target in &view.stage.targets {
-                if target.normal.dot(view.eye) > target.offset && sight.meets(&target.outline) {
-                    let mut factor = 0.0;
-                    scratch.visible(&sight, &target.outline, target.plane, |part| {
-                        factor += irradiance(view.eye, view.normal, part);
-                    });
-                    out[target.element] += view.weight * (factor / PI);
-                }
-            }
-        }
-        if depth + 1 < band.end {
-            for (index, outline) in &view.stage.mirrors {
-                let mirror = &self.mirrors[*index];
-                if mirror.normal.dot(view.eye) > mirror.offset && sight.meets(outline) {
-                    let reflect = |v: DVec3| v - mirror.normal * (2.0 * mirror.normal.dot(v));
-                    let image = reflect(view.eye) + mirror.normal * (2.0 * mirror.offset);
-                    let (normal, weight) = (reflect(view.normal), view.weight * mirror.reflectance);
-                    scratch.visible(&sight, outline, mirror.plane, |part| {
-                        let window = without_short_edges(part);
-                        let factor = irradiance(view.eye, view.normal, &window) / PI;
-                        if factor > 0.0 {
-                            beams.add(Beam { mirror: *index, eye: image, normal, weight, window, factor });
-                        }
-                    });
-                }
-            }
-        }
-    }
-
-    /// A thin beam goes on as the central rays of strips across its longest extent. From far down a duct windows are narrow
-    /// but tall: what leaves them low goes on for many reflections more than what leaves them high.
-    fn follow_strips(&self, beam: &Beam, out: &mut [DVec3], landed: &mut [f64]) {
-        let corners = beam.window.corners();
-        let edges = (0..corners.len()).map(|k| corners[(k + 1) % corners.len()] - corners[k]);
-        let longest =
-            edges.fold(DVec3::ZERO, |a, b| if b.length_squared() > a.length_squared() { b } else { a });
-        let Some(axis) = longest.try_normalize() else { return };
-        let (low, high) = corners
-            .iter()
-            .map(|c| axis.dot(*c))
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), h| (low.min(h), high.max(h)));
-        let at = |k: usize| low + (high - low) * k as f64 / STRIPS as f64;
-        let mut rest = beam.window;
-        for k in 1..=STRIPS {
-            let strip = if k == STRIPS { rest } else { rest.clipped(-axis, -at(k)) };
-            rest = rest.clipped(axis, at(k));
-            if strip.is_empty() {
-                continue;
-            }
-            let factor = irradiance(beam.eye, beam.normal, &strip) / PI;
-            if factor > 0.0 {
-                self.follow_center(beam, &strip, beam.weight * factor, out, landed);
-            }
-        }
-    }
-
-    /// A strip lands where its central ray does: its power is kept, its place is right within its width.
-    fn follow_center(
-        &self,
-        beam: &Beam,
-        strip: &Polygon,
-        mut weight: DVec3,
-        out: &mut [DVec3],
-        landed: &mut [f64],
-    ) {
-        let sent = weight.max_element();
-        let corners = strip.corners();
-        let mut origin = corners.iter().copied().sum::<DVec3>() / corners.len() as f64;
-        // The eye is the mirror's image already.
-        let mut direction = (origin - beam.eye).normalize_or_zero();
-        let mut from = self.mirrors[beam.mirror].plane;
-        for _ in 0..MAX_REFLECTIONS {
-            let Some((wall, t)) = self.nearest(origin, direction, from) else { return };
-            origin += direction * t;
-            let (blocker, triangle) = (&self.walls[wall], self.triangles[wall]);
-            let front = self.tracer.scene().geometric_normal(triangle).as_dvec3();
-            let side = if front.dot(direction) < 0.0 { Side::Front } else { Side::Back };
-            if side == Side::Back && !self.tracer.has_back(triangle) {
-                out[self.set.len()] += weight;
-                return;
-            }
-            if let Some(element) = self.set.locate(triangle, side, origin) {
-                out[element as usize] += weight;
-                landed[element as usize] += sent;
-            }
-            let Some(reflectance) = self.reflectances[wall] else { return };
-            weight *= reflectance;
-            if weight.max_element() < NOTHING {
-                return;
-            }
-            direction -= blocker.normal * (2.0 * blocker.normal.dot(direction));
-            from = blocker.plane;
-        }
-    }
-
-    fn nearest(&self, origin: DVec3, direction: DVec3, from: PlaneId) -> Option<(usize, f64)> {
-        let mut best: Option<(usize, f64)> = None;
-        for (index, wall) in self.walls.iter().enumerate() {
-            let speed = wall.normal.dot(direction);
-            if wall.plane == from || speed == 0.0 {
-                continue;
-            }
-            let t = (wall.offset - wall.normal.dot(origin)) / speed;
-            if t <= 0.0 || best.is_some_and(|(_, b)| t >= b) {
-                continue;
-            }
-            let point = origin + direction * t;
-            let corners = wall.outline.corners();
-            let inside = self.edges[index]
-                .iter()
-                .zip(corners)
-                .all(|(&(inward, slack), &a)| inward.dot(point - a) >= slack);
-            if inside {
-                best = Some((index, t));
-            }
-        }
-        best
-    }
-
     /// The sender's pieces as triangles, cut where another plane crosses them: F(x → j) has a kink there.
     fn cells(&self, piece: &Piece, stage: &Stage) -> Vec<[DVec3; 3]> {
         let mut parts = vec![piece.outline];
@@ -488,41 +166,6 @@ impl<'a> Analytic<'a> {
 
 /// Parts into which the planes of other surfaces cut a sender before the quadrature starts.
 const MAX_PARTS: usize = 48;
-
-/// The reflectance of a flat mirror (or of the mirror part of a mixed surface) that is the same everywhere and at every
-/// angle: its reflections are images.
-fn mirror_of(tracer: &Tracer, triangle: TriangleId) -> Option<DVec3> {
-    tracer.image_plane(triangle)?;
-    let scene = tracer.scene();
-    let material = scene.material_of(triangle);
-    let at = |u, v| scene.surface_point(triangle, Barycentric { u, v });
-    let points = [at(0.2, 0.2), at(0.6, 0.2), at(0.2, 0.6)];
-    let textured = material.base_texture.is_some()
-        || material.metallic_roughness_texture.is_some()
-        || material.specular_texture.is_some()
-        || material.clearcoat_texture.is_some()
-        || material.transmission_texture.is_some();
-    let same = points.iter().all(|p| p.mirror == points[0].mirror);
-    let plain = points.iter().all(|p| {
-        (p.coat == 0.0 || p.coat_share == 0.0)
-            && p.clearcoat == 0.0
-            && p.transmission == 0.0
-            && p.opacity == 1.0
-    });
-    (same && plain && !textured && points[0].mirror.max_element() > 0.0).then(|| points[0].mirror.as_dvec3())
-}
-
-impl Target {
-    fn new(piece: &Piece, element: usize) -> Self {
-        Self {
-            outline: piece.outline,
-            plane: piece.plane,
-            normal: piece.normal,
-            offset: piece.normal.dot(piece.outline.corners()[0]),
-            element,
-        }
-    }
-}
 
 /// F below which errors are absolute.
 const SMALL: f64 = 1e-6;
