@@ -140,13 +140,16 @@ fn a_shadow_finer_than_the_mesh_is_evaluated_close_up_and_read_from_afar() {
     assert_eq!(far, view(4.0, DirectLight::Auto(rays)));
 }
 
-/// Bulbs one behind the other, past the edge of a board: more blocks each of them than can be cut out.
+/// Bulbs one behind the other, past the edge of a board of many pieces, none of which is a wall: more blocks each of them than can be cut out.
 fn bulbs() -> Scene {
     let mut parts = SceneParts::default();
     let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
     let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::splat(50.0))));
     parts.add_box("room", white, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), true);
-    parts.add_box("board", white, Vec3::new(-0.02, 0.0, -0.5), Vec3::new(0.0, 0.1, 0.5), false);
+    for piece in 0..64_u8 {
+        let from = Vec3::new(-0.02, 0.0, f32::from(piece) / 64.0 - 0.5);
+        parts.add_box("board", white, from, from + Vec3::new(0.02, 0.1, 1.0 / 64.0), false);
+    }
     for k in 0..8_u8 {
         let center = Vec3::new(-0.2 - 0.09 * f32::from(k), 0.3, 0.013 * f32::from(k % 3));
         parts.add_sphere(&format!("bulb {k}"), lamp, center, 0.04, 20);
