@@ -317,15 +317,21 @@ impl Source {
 
     /// A ray from a point of a lamp by `at`, as [`connect`](Self::connect) has it, in a direction by `towards` ∈ [0, 1)².
     pub(super) fn ray(&self, lights: &Lights, at: Vec2, towards: Vec2) -> Option<Ray> {
-        let Kind::Cells { members, table, low, size } = &self.kind else { return None };
-        let (member, _, left) = table.pick(at.x);
-        let cell = &lights.emitters().cells()[members[member] as usize];
-        let s = *low + Vec2::new(left, at.y) * *size;
-        let origin = cell.point(f64::from(s.x), f64::from(s.y)).as_vec3();
+        let (cell, origin, _) = self.point(lights, at)?;
         let normal = cell.normal.as_vec3();
         let ((x, y), local) = (frame(normal), cosine_hemisphere(towards));
         let direction = x * local.x + y * local.y + normal * local.z;
-        Some(Ray { origin, direction, from: cell.plane })
+        Some(Ray { origin: origin.as_vec3(), direction, from: cell.plane })
+    }
+
+    /// A cell of a lamp and a point of it by `at` ∈ [0, 1)²; the area that it stands for, m², and how likely that was chosen.
+    fn point<'l>(&self, lights: &'l Lights, at: Vec2) -> Option<(&'l Cell, DVec3, [f64; 2])> {
+        let Kind::Cells { members, table, low, size } = &self.kind else { return None };
+        let (member, probability, left) = table.pick(at.x);
+        let cell = &lights.emitters().cells()[members[member] as usize];
+        let place = *low + Vec2::new(left, at.y) * *size;
+        let area = cell.area * f64::from(size.x * size.y);
+        Some((cell, cell.point(f64::from(place.x), f64::from(place.y)), [area, f64::from(probability)]))
     }
 
     /// A point of the source by `at` ∈ [0, 1)², and what it sends straight to a point of a target's plane.
@@ -339,11 +345,8 @@ impl Source {
     ) -> Option<Beam> {
         let tracer = lights.tracer();
         match &self.kind {
-            Kind::Cells { members, table, low, size } => {
-                let (member, probability, left) = table.pick(at.x);
-                let cell = &lights.emitters().cells()[members[member] as usize];
-                let s = *low + Vec2::new(left, at.y) * *size;
-                let origin = cell.point(f64::from(s.x), f64::from(s.y));
+            Kind::Cells { .. } => {
+                let (cell, origin, [area, probability]) = self.point(lights, at)?;
                 let offset = point.as_dvec3() - origin;
                 let r2 = offset.length_squared();
                 let distance = r2.sqrt();
@@ -352,12 +355,11 @@ impl Source {
                 if !(sent > 0.0 && sent.is_finite()) {
                     return None;
                 }
-                let area = cell.area * f64::from(size.x * size.y);
                 let leaves = cell.normal.dot(direction);
                 let radiance = cell.radiance_at(tracer, origin) * cell.lobe.factor(leaves) as f32;
                 let seen = tracer.visibility(origin.as_vec3(), cell.plane, point, plane);
                 let medium = tracer.media().transmittance(self.media.current(), distance as f32);
-                let power = radiance * seen * medium * (sent * area / f64::from(probability)) as f32;
+                let power = radiance * seen * medium * (sent * area / probability) as f32;
                 let straight = if seen == Rgb::ONE { sent / std::f64::consts::PI } else { 0.0 };
                 let beam = beam(direction.as_vec3(), power)?;
                 Some(Beam { straight: straight as f32, ..beam })

@@ -113,7 +113,7 @@ impl Places {
     }
 }
 
-/// All parts of the specular geometry along a space-filling curve; none if nothing is curved or refracting.
+/// All parts of the specular geometry along a space-filling curve; none if nothing is curved or refracting and all chains of mirrors are listed.
 pub(super) fn collect(lights: &Lights) -> Vec<Target> {
     let tracer = lights.tracer();
     let scene = tracer.scene();
