@@ -83,11 +83,12 @@ impl Compared {
             self.looks[index] = Look::of(&pixels[index], self.exposure);
         }
         let height = self.looks.len() / self.width.max(1);
-        for &index in changed {
-            for index in around(index, self.width, height).chain([index]) {
-                needs[index] = self.need(index);
-            }
-        }
+        let near = |&index: &usize| around(index, self.width, height).chain([index]);
+        let mut near: Vec<usize> = changed.iter().flat_map(near).collect();
+        near.sort_unstable();
+        near.dedup();
+        let found: Vec<Need> = near.par_iter().with_min_len(256).map(|&index| self.need(index)).collect();
+        near.into_iter().zip(found).for_each(|(index, need)| needs[index] = need);
     }
 
     fn need(&self, index: usize) -> Need {
@@ -145,7 +146,9 @@ pub(crate) fn shown(light: Rgb, exposure: f32) -> Rgb {
 
 /// Mean luminance of a picture, more than zero.
 pub(crate) fn mean_luminance(pixels: &[Sample]) -> f32 {
-    let sum: f64 = pixels.iter().map(|p| f64::from(p.light.beauty().dot(LUMINANCE))).sum();
+    let luminances: Vec<f32> =
+        pixels.par_iter().with_min_len(1024).map(|p| p.light.beauty().dot(LUMINANCE)).collect();
+    let sum: f64 = luminances.into_iter().map(f64::from).sum();
     ((sum / pixels.len().max(1) as f64) as f32).max(1e-30)
 }
 

@@ -187,12 +187,12 @@ pub fn render(
     let exposure = mean_luminance(&pixels);
     let same = if params.layers { 0.0 } else { SAME * params.contrast };
     let mut compared = Compared::new(&pixels, width, params.contrast, same, exposure);
-    let mut needs = compared.needs();
+    let (mut needs, outlines) =
+        rayon::join(|| compared.needs(), || Outlines::new(&lights, camera, (width, height)));
     // Few rays in a penumbra may differ as much as an edge does: more of them come first.
     let mut penumbrae = Penumbrae::new(pixels.len());
     for _ in 0..LOOKS {
-        let is_uncertain = |&i: &usize| penumbrae.is_uncertain(&pixels, width, i, needs[i]);
-        let uncertain: Vec<usize> = (0..pixels.len()).filter(is_uncertain).collect();
+        let uncertain = those(pixels.len(), |i| penumbrae.is_uncertain(&pixels, width, i, needs[i]));
         if uncertain.is_empty() || params.direct == DirectLight::Vertices {
             break;
         }
@@ -202,7 +202,6 @@ pub fn render(
         })?;
         compared.update(&pixels, &uncertain, &mut needs);
     }
-    let outlines = Outlines::new(&lights, camera, (width, height));
     for thin in outlines.thin() {
         if pixels[thin.pixel].light.emission().dot(LUMINANCE) < 0.5 * thin.luminance {
             needs[thin.pixel] = Need::Samples;
@@ -226,10 +225,10 @@ pub fn render(
     })?;
     // What is thinner than a pixel passes between the centres of some.
     let limit = THIN * params.noise * strong as f32;
-    let mut ends: Vec<usize> = (0..pixels.len()).filter(|&i| pixels[i].samples > 0).collect();
+    let mut ends = those(pixels.len(), |i| pixels[i].samples > 0);
     while !ends.is_empty() {
-        let is_noisy = |i: &&usize| pixels[**i].deviation(exposure) > limit;
-        let noisy = ends.iter().filter(is_noisy).flat_map(|&i| around(i, width, height));
+        let noisy = those(ends.len(), |k| pixels[ends[k]].deviation(exposure) > limit);
+        let noisy = noisy.into_iter().flat_map(|k| around(ends[k], width, height));
         // A centre and those around a neighbour span the half of the pixel on that side. An edge that passes between has one of them
         // beyond, and the neighbour is sampled; what is on neither side of one is thin.
         let thin = ends.iter().flat_map(|&i| pixels[i].between.of(i, width, height));
@@ -243,11 +242,12 @@ pub fn render(
     }
     // What finds noise may be more samples of a pixel whose neighbours had stopped at few.
     let most = counts[counts.len() - 1];
-    let mut open: Vec<usize> = (0..pixels.len()).filter(|&i| pixels[i].samples > 0).collect();
+    let mut open = those(pixels.len(), |i| pixels[i].samples > 0);
     while !open.is_empty() {
-        open.retain(|&i| {
+        let is_open = |&i: &usize| {
             pixels[i].samples < most && is_beside_noise(&pixels, width, i, params.noise, exposure)
-        });
+        };
+        open = open.into_par_iter().with_min_len(FEW).filter(is_open).collect();
         for_some(&mut pixels, width, &open, progress, |at, pixel, scratch| {
             let known = pixel.samples;
             resample(at, known..known.saturating_mul(MORE).min(most), pixel, scratch);
@@ -261,8 +261,9 @@ pub fn render(
     // One sample in hundreds that met a spark is a bright dot: those pixels are sampled until they are certain.
     let most = params.most_samples.saturating_mul(SPARK_MORE);
     loop {
-        let is_uncertain = |i: &usize| pixels[*i].samples < most && pixels[*i].error(exposure) > UNCERTAIN;
-        let sparks: Vec<usize> = (0..pixels.len()).filter(is_uncertain).collect();
+        let sparks = those(pixels.len(), |i| {
+            pixels[i].samples < most && pixels[i].error(exposure) > UNCERTAIN
+        });
         if sparks.is_empty() {
             break;
         }
@@ -288,6 +289,14 @@ pub fn render(
 const JOB: usize = 32;
 /// Pixels that get their first ray before somebody may stop it: those of a large picture take gigabytes.
 const BAND: usize = 1 << 18;
+
+/// Pixels that are looked at in one go, where nothing is traced.
+const FEW: usize = 1024;
+
+/// Those of so many, ascending.
+fn those(count: usize, is_one: impl Fn(usize) -> bool + Sync + Send) -> Vec<usize> {
+    (0..count).into_par_iter().with_min_len(FEW).filter(|&index| is_one(index)).collect()
+}
 
 /// Works on every pixel, in parallel.
 fn for_pixels(
@@ -369,8 +378,8 @@ pub(crate) fn around(index: usize, width: usize, height: usize) -> impl Iterator
 /// Puts the layers into an image.
 fn image(scene: &Scene, pixels: &[Sample], params: &RenderParams) -> Image {
     let mut image = Image::new(params.width, params.height);
-    let rgb = |value: &dyn Fn(&Sample) -> Rgb| -> Vec<[f32; 3]> {
-        pixels.iter().map(|p| value(p).to_array()).collect()
+    let rgb = |value: &(dyn Fn(&Sample) -> Rgb + Sync)| -> Vec<[f32; 3]> {
+        pixels.par_iter().with_min_len(FEW).map(|p| value(p).to_array()).collect()
     };
     image.push_rgb_layer("", &rgb(&|p| p.light.beauty()));
     if params.layers {
@@ -378,7 +387,7 @@ fn image(scene: &Scene, pixels: &[Sample], params: &RenderParams) -> Image {
             image.push_rgb_layer(name, &rgb(&|p| p.light.values[index]));
         }
         let hits: Vec<FirstHit> =
-            pixels.par_iter().with_min_len(1024).map(|p| FirstHit::of(scene, p.first.as_ref())).collect();
+            pixels.par_iter().with_min_len(FEW).map(|p| FirstHit::of(scene, p.first.as_ref())).collect();
         let albedo: Vec<[f32; 3]> = hits.iter().map(|hit| hit.albedo.to_array()).collect();
         image.push_rgb_layer("albedo", &albedo);
         for (axis, name) in ["normal.X", "normal.Y", "normal.Z"].into_iter().enumerate() {

@@ -321,8 +321,11 @@ fn floats(asset: &Asset, name: &'static str, count: usize) -> Result<Vec<f32>, F
 }
 
 fn vectors(asset: &Asset, name: &'static str, count: usize) -> Result<Vec<Vec3>, FileError> {
-    let values = floats(asset, name, count.saturating_mul(3))?;
-    Ok(values.as_chunks::<3>().0.iter().copied().map(Vec3::from).collect())
+    let values = of_length(name, asset.array_vec3(name), count)?;
+    match values.iter().position(|value| !value.is_finite()) {
+        Some(bad) => Err(FileError::Value { name, problem: format!("vector {bad} is not finite") }),
+        None => Ok(values),
+    }
 }
 
 fn indices(asset: &Asset, name: &'static str, count: usize) -> Result<Vec<u32>, FileError> {

@@ -7,7 +7,7 @@
 //! { "source": { "scene": 0, "materials": 7, … }, "arrays": { "patch_radiosity": 41 }, "metadata": { … } }
 //! ```
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use serde_json::{Map, Value, json};
 
 use super::accessor::Accessor;
@@ -240,6 +240,12 @@ impl Asset {
             values.extend_from_slice(&accessor.get::<4>(index)[..accessor.components]);
         }
         Some(values)
+    }
+
+    /// The values of a named array of vectors.
+    pub fn array_vec3(&self, name: &str) -> Option<Vec<Vec3>> {
+        let accessor = self.open_array(name).filter(|accessor| accessor.components == 3)?;
+        Some((0..accessor.count).map(|index| Vec3::from(accessor.get::<3>(index))).collect())
     }
 
     /// The values of a named array of integers.

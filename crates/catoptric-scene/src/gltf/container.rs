@@ -1,5 +1,7 @@
 //! The outer layer of a file: GLB chunks, JSON text, version.
 
+use std::ops::Range;
+
 use serde_json::{Map, Value};
 
 use super::document::{Entity, kind_of};
@@ -15,8 +17,10 @@ const TRUNCATED: &str = "the file is truncated or damaged: export or download it
 pub(super) type Parsed = (Map<String, Value>, Option<Vec<u8>>);
 
 /// JSON object and binary chunk of a file's bytes.
-pub(super) fn parse(bytes: &[u8], options: &LoadOptions, report: &Report) -> Option<Parsed> {
-    let (json, bin) = if bytes.starts_with(MAGIC) { split_glb(bytes, report)? } else { (bytes, None) };
+pub(super) fn parse(mut bytes: Vec<u8>, options: &LoadOptions, report: &Report) -> Option<Parsed> {
+    let (json, bin) =
+        if bytes.starts_with(MAGIC) { split_glb(&bytes, report)? } else { (0..bytes.len(), None) };
+    let json = &bytes[json];
 
     // The parsed tree is many times larger than its text: estimate before it is built.
     let memory = estimate_memory(json);
@@ -38,11 +42,20 @@ pub(super) fn parse(bytes: &[u8], options: &LoadOptions, report: &Report) -> Opt
             return None;
         }
     };
-    check_version(&root, report).then(|| (root, bin.map(<[u8]>::to_vec)))
+    if !check_version(&root, report) {
+        return None;
+    }
+    // Moved to the front of its own memory: a solution is large, and fresh memory is dearer than the copy.
+    let bin = bin.map(|bin| {
+        bytes.truncate(bin.end);
+        bytes.drain(..bin.start);
+        bytes
+    });
+    Some((root, bin))
 }
 
-/// The JSON and BIN chunks; others are skipped, as the specification asks.
-fn split_glb<'a>(bytes: &'a [u8], report: &Report) -> Option<(&'a [u8], Option<&'a [u8]>)> {
+/// Where the JSON and BIN chunks lie; others are skipped, as the specification asks.
+fn split_glb(bytes: &[u8], report: &Report) -> Option<(Range<usize>, Option<Range<usize>>)> {
     let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
     let (Some(version), Some(length)) = (word(4), word(8)) else {
         report.problem("GLB header", "12 bytes", format!("{} bytes", bytes.len()), TRUNCATED);
@@ -66,11 +79,11 @@ fn split_glb<'a>(bytes: &'a [u8], report: &Report) -> Option<(&'a [u8], Option<&
             report.problem("GLB", "a chunk header of 8 bytes", "the end of the file", TRUNCATED);
             return None;
         };
-        let chunk = bytes.get(at + 8..).and_then(|rest| rest.get(..size as usize));
-        let Some(chunk) = chunk.filter(|_| at + 8 + size as usize <= length) else {
+        let chunk = at + 8..(at + 8).saturating_add(size as usize);
+        if chunk.end > length {
             report.problem("GLB", format!("a chunk of {size} bytes"), "the end of the file", TRUNCATED);
             return None;
-        };
+        }
         match (kind, json.is_some()) {
             (JSON_CHUNK, false) => json = Some(chunk),
             (_, false) => {

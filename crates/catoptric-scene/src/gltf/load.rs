@@ -119,8 +119,7 @@ fn read_asset(path: &Path, options: &LoadOptions, report: &Report) -> Option<Ass
             return None;
         }
     };
-    let (json, bin) = container::parse(&bytes, options, report)?;
-    drop(bytes);
+    let (json, bin) = container::parse(bytes, options, report)?;
     extension::check(super::document::Entity::root(&json), report);
     // Without a required extension everything else looks broken too.
     if report.has_problems() {
