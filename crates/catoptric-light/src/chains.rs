@@ -445,6 +445,20 @@ impl ImageChains {
         Some(image)
     }
 
+    /// What the mirrors of a chain reflect together of light that leaves its image along `direction` in unfolded space, about: glass as
+    /// Schlick (1994) has it.
+    pub(crate) fn reflectance(&self, chain: &ImageChain, direction: DVec3) -> f64 {
+        let Some(mut direction) = direction.try_normalize() else { return 1.0 };
+        let mut share = 1.0;
+        for &index in chain.reflectors.iter().rev() {
+            let Reflector { plane, strength, .. } = &self.reflectors[index];
+            let (cos, strength) = (plane.normal.dot(direction).abs(), f64::from(*strength).min(1.0));
+            share *= strength + (1.0 - strength) * (1.0 - cos).powi(5);
+            direction = plane.reflect_vector(direction);
+        }
+        share
+    }
+
     /// Where a path to the point `light` aims before each mirror, and the light itself last.
     pub fn targets(&self, chain: &ImageChain, light: DVec3, targets: &mut Vec<glam::Vec3>) {
         targets.clear();

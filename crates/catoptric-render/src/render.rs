@@ -261,9 +261,8 @@ pub fn render(
     // One sample in hundreds that met a spark is a bright dot: those pixels are sampled until they are certain.
     let most = params.most_samples.saturating_mul(SPARK_MORE);
     loop {
-        let sparks = those(pixels.len(), |i| {
-            pixels[i].samples < most && pixels[i].error(exposure) > UNCERTAIN
-        });
+        let sparks =
+            those(pixels.len(), |i| pixels[i].samples < most && pixels[i].error(exposure) > UNCERTAIN);
         if sparks.is_empty() {
             break;
         }

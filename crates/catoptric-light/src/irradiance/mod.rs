@@ -331,7 +331,7 @@ impl<'a> Lights<'a> {
         key: Key,
         scratch: &mut Scratch,
     ) -> SourceIrradiance {
-        let known = f64::from(known.element_sum());
+        let known_light = f64::from(known.element_sum());
         let mut result = SourceIrradiance::DARK;
         let mut tally = Tally::default();
         let mut found = std::mem::take(&mut scratch.found);
@@ -340,6 +340,11 @@ impl<'a> Lights<'a> {
         self.gather(at, shared, &mut found, &mut scratch.seeker);
         let whole = found.weight();
         if whole > 0.0 {
+            // What mirrors take of it all: what a pane reflects is worth few samples beside what is known.
+            let reflected = at
+                .chain
+                .map_or(1.0, |chain| self.chains.reflectance(chain, found.towards(at.image.position)));
+            let known = known_light / reflected;
             // Large pieces get strata of their own, small ones share.
             let share = f64::from(samples) / (whole + known);
             let mut leftover = 0.0;
@@ -363,7 +368,11 @@ impl<'a> Lights<'a> {
                 let worth = worth(all).max(weight);
                 let due = f64::from(samples) * weight / worth;
                 let budget = |count: u32| Budget {
-                    count: count.clamp(LOOK, samples.max(LOOK)).next_power_of_two(),
+                    // Chains are many, and most are worth less than a sample each.
+                    count: match count {
+                        ..2 if at.chain.is_some() => 1,
+                        _ => count.clamp(LOOK, samples.max(LOOK)).next_power_of_two(),
+                    },
                     calm,
                     shadows: if weight < MINOR * worth { 0 } else { each },
                 };
@@ -384,7 +393,7 @@ impl<'a> Lights<'a> {
                 result.irradiance += sent;
                 result.unoccluded += target.irradiance();
                 tally.next_target();
-                all = all - weight + f64::from(sent.element_sum());
+                all = all - weight + f64::from(sent.element_sum()) / reflected;
             }
             scratch.order = order;
             let total = leftover + found.groups();
@@ -399,7 +408,7 @@ impl<'a> Lights<'a> {
         scratch.found = found;
         if !self.bright.is_empty() {
             tally.mixed();
-            let part = self.bright_part(at, samples, known, key, scratch, &mut tally);
+            let part = self.bright_part(at, samples, known_light, key, scratch, &mut tally);
             result.irradiance += part.irradiance;
             result.unoccluded += part.unoccluded;
         }

@@ -94,6 +94,15 @@ impl Found {
         self.small.iter().chain(&self.loose).map(|s| s.1).sum::<f64>() + bundles
     }
 
+    /// From `eye` to the middle of the strongest of pieces and lamps; zero where there are none.
+    pub(super) fn towards(&self, eye: DVec3) -> DVec3 {
+        let pieces = self.pieces.iter().map(|p| (p.weight, p.polygon.corners()));
+        let lamps = self.lamps.iter().map(|l| (l.weight, &self.corners[l.corners.clone()]));
+        let strongest = pieces.chain(lamps).max_by(|a, b| a.0.total_cmp(&b.0));
+        strongest
+            .map_or(DVec3::ZERO, |(_, corners)| corners.iter().sum::<DVec3>() / corners.len() as f64 - eye)
+    }
+
     /// Irradiance of all, the sum of channels.
     pub(super) fn weight(&self) -> f64 {
         self.lamps.iter().map(|l| l.weight).sum::<f64>()
@@ -196,7 +205,8 @@ impl Lights<'_> {
                     if windows.is_empty() {
                         add(&outline.corners, spare);
                     }
-                    for window in windows.iter().filter(|window| lamp.may_be_seen_by(image.position, window)) {
+                    for window in windows.iter().filter(|window| lamp.may_be_seen_by(image.position, window))
+                    {
                         part.clone_from(&outline.corners);
                         for normal in window {
                             contour::cut(part, *normal, normal.dot(image.position), spare);

@@ -215,18 +215,20 @@ impl Lights<'_> {
         let Some(Sky::Image(map)) = self.tracer.scene().sky() else { return result };
         let mut texels = std::mem::take(&mut scratch.texels);
         texels.clear();
-        let mut total = 0.0_f64;
+        let (mut total, mut middle) = (0.0_f64, DVec3::ZERO);
         for (index, texel) in self.bright.texels().iter().enumerate() {
             let direction = texel.direction.as_dvec3();
             let cos = image.normal.dot(direction);
             if cos > 0.0 && image.geometric.dot(direction) > 0.0 {
                 let weight = texel.power.element_sum() * cos as f32;
                 total += f64::from(weight);
+                middle += direction * f64::from(weight);
                 texels.push((index as u32, weight));
                 result.unoccluded += texel.power * cos as f32;
             }
         }
-        let expected = f64::from(samples) * total / (total + known).max(f64::MIN_POSITIVE);
+        let reflected = at.chain.map_or(1.0, |chain| self.chains.reflectance(chain, middle));
+        let expected = f64::from(samples) * total / (total + known / reflected).max(f64::MIN_POSITIVE);
         let key = key.child(0xfffe);
         let mut systematic = Systematic::new(total, expected, samples, key);
         for &(index, weight) in &texels {
