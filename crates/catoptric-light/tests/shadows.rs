@@ -192,6 +192,11 @@ fn silver(parts: &mut SceneParts, [corner, u, v]: [Vec3; 3]) {
 
 /// The brute force over the wall of silver, of which `reflects` tells where it does.
 fn by_grid_in_silver(lights: &Lights, receiver: &Receiver, reflects: impl Fn(Vec3) -> bool) -> f64 {
+    by_grid_in_wall(lights, receiver, |at| if reflects(at) { Rgb::ONE } else { Rgb::ZERO })
+}
+
+/// The same over a wall that reflects some share where it is met.
+fn by_grid_in_wall(lights: &Lights, receiver: &Receiver, share: impl Fn(Vec3) -> Rgb) -> f64 {
     let [chain] = lights.chains().chains() else { panic!("one mirror, one chain") };
     let mirror = chain.planes[0];
     let free =
@@ -202,10 +207,9 @@ fn by_grid_in_silver(lights: &Lights, receiver: &Receiver, reflects: impl Fn(Vec
         let at = receiver.position.lerp(image, t);
         let is_seen = (0.2..1.7).contains(&at.y)
             && at.z.abs() < 1.0
-            && reflects(at)
             && free(receiver.position, PlaneId::NONE, at, mirror)
             && free(at, mirror, p, emitter(lights));
-        (if is_seen { Rgb::ONE } else { Rgb::ZERO }, image)
+        (if is_seen { share(at) } else { Rgb::ZERO }, image)
     })
 }
 
@@ -271,6 +275,34 @@ fn chips(parts: &mut SceneParts) {
         let [u, v] = [1, 2].map(|k| point(key.child(k), index) * 0.04);
         parts.add_quad("chip", white, at, u, v);
     }
+}
+
+/// What is known to arrive already, in times of what a dim mirror would reflect if it were silver: one sample does for its light …
+const KNOWN: f32 = 4.0;
+/// … and so many of these find the mean: the deviation of one is at most half, of all half a row of the grid at most.
+const ALONE: u32 = 2048;
+
+/// Reflectance of that mirror, at every angle.
+const DIM: f32 = 0.05;
+
+/// Light over a mirror that reflects a twentieth is worth one sample beside what is known, not those that silver would get, and right in
+/// the mean.
+#[test]
+fn dim_mirrors_get_few_samples() {
+    let dim = |parts: &mut SceneParts| {
+        let [corner, u, v] = WALL;
+        let dark = parts.add_material(Material::mirror("dark", Rgb::splat(DIM)));
+        parts.add_quad("mirror", dark, corner, u, v);
+        chips(parts);
+    };
+    compare("dim", (12, u64::from(ALONE)), &white_card(), dim, |lights, receiver, key, scratch| {
+        let open = lights.mirrored(receiver, 32, Rgb::ZERO, key, scratch).unoccluded.x;
+        scratch.rays = 0;
+        let mut ask = |k| lights.mirrored(receiver, 32, Rgb::splat(KNOWN * open), key.child(k), scratch);
+        let sum: f64 = (0..ALONE).map(|k| f64::from(ask(k).irradiance.x)).sum();
+        let expected = by_grid_in_wall(lights, receiver, |_| Rgb::splat(DIM));
+        Answer { found: sum / f64::from(ALONE), expected, open: f64::from(DIM * open) }
+    });
 }
 
 /// What large blockers leave of a source is sampled, on average over many keys as the brute force finds it: straight, and over a mirror.

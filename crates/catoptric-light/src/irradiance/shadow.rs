@@ -331,6 +331,13 @@ impl Lights<'_> {
         if all.0 <= 0.0 {
             return Rgb::ZERO;
         }
+        if shots.count == 1 && shots.parts.is_none() {
+            // The mean of shares by their weights is that of the points, wherever they are, if there is but one: here its weight counts.
+            let area = target
+                .whole
+                .map_or_else(|| scratch.fan.last().map_or(0.0, |twice| 0.5 * twice), |cell| cell.area);
+            return target.radiance * (all.1 * area).as_vec3();
+        }
         if first.0 > 0.0 && all.0 > first.0 {
             tally.split += irradiance(first) - irradiance((all.0 - first.0, all.1 - first.1));
         }
