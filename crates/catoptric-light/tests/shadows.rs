@@ -366,7 +366,7 @@ fn rays_go_where_walls_leave_a_window() {
         let found = lights.direct(&receiver, samples, Key::new(5, Purpose::Test, key), &mut scratch);
         f64::from(found.irradiance.x)
     };
-    let expected = ask(Samples { count: 1 << 18, calm: false, shadows: 0 }, 0);
+    let expected = ask(Samples { shadows: 0, ..Samples::from(1 << 18) }, 0);
     let squares: f64 = (1..101).map(|key| (ask(Samples::from(32), key) / expected - 1.0).powi(2)).sum();
     // Of rays to the window each passes with a half: at random they would deviate by 1/√32, those to all of the sky by more than 1.
     // The deviation of a hundred keys is known to 1/√200 of it; a fifth is nearly three times that.
@@ -397,7 +397,7 @@ fn where_the_brightest_is_hidden_the_rest_is_as_exact() {
         (f64::from(found.irradiance.x), f64::from(found.unoccluded.x))
     };
     // Nothing cut out: all rays. Their stratified shares are off by about n^(−3/4), 7e-4; one key in ten thousand by four times that.
-    let (expected, open) = ask(Samples { count: 1 << 14, calm: false, shadows: 0 }, 0);
+    let (expected, open) = ask(Samples { shadows: 0, ..Samples::from(1 << 14) }, 0);
     assert!(expected > 0.01 && open > 50.0 * expected, "{expected} of {open}");
     for samples in [Samples::from(16), Samples::exact(8)] {
         for key in 1..9 {

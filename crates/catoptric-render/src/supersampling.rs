@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use catoptric_light::irradiance::Samples;
+use catoptric_light::irradiance::{LOOK, Samples};
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_scene::{Camera, Rgb};
 use catoptric_trace::sequence::{Key, Purpose};
@@ -115,7 +115,7 @@ pub(crate) fn shadow_rays(params: &RenderParams, again: u32) -> Option<Samples> 
             0 => Samples::exact(rays.first),
             1 => Samples::exact(rays.penumbra),
             // Those of several samples do not share their strata. Their mean hides the noise of what is not cut out.
-            _ => Samples::from((2 * rays.penumbra / again).max(1)),
+            _ => Samples { least: LOOK, ..Samples::from((2 * rays.penumbra / again).max(1)) },
         }),
     }
 }

@@ -142,6 +142,8 @@ pub struct Samples {
     /// Triangles whose shadows may be cut out of the sources: equal shares for all but minor ones (what is brightest may be hidden), no
     /// more than half for one.
     pub shadows: u32,
+    /// Of a source over mirrors at least: chains are many, and one is enough where the places around smooth what it finds.
+    pub least: u32,
 }
 
 /// Triangles that are cut out for each shadow ray that they save.
@@ -157,7 +159,7 @@ const MAX_SHADOWS: u32 = 384;
 impl Samples {
     /// With as many shadows cut out as ever, however few the samples are: where they must not show noise by themselves, as at pixels.
     pub fn exact(count: u32) -> Self {
-        Self { count, calm: false, shadows: MAX_SHADOWS }
+        Self { count, calm: false, shadows: MAX_SHADOWS, least: LOOK }
     }
 
     /// So many times the rays, and the shadows that are cut out.
@@ -169,7 +171,7 @@ impl Samples {
 
 impl From<u32> for Samples {
     fn from(count: u32) -> Self {
-        Self { count, calm: false, shadows: (SHADOWS_PER_SAMPLE * count).min(MAX_SHADOWS) }
+        Self { count, calm: false, shadows: (SHADOWS_PER_SAMPLE * count).min(MAX_SHADOWS), least: 1 }
     }
 }
 
@@ -326,7 +328,7 @@ impl<'a> Lights<'a> {
     fn over(
         &self,
         at: Standpoint,
-        Samples { count: samples, calm, shadows }: Samples,
+        Samples { count: samples, calm, shadows, least }: Samples,
         known: Rgb,
         key: Key,
         scratch: &mut Scratch,
@@ -368,9 +370,8 @@ impl<'a> Lights<'a> {
                 let worth = worth(all).max(weight);
                 let due = f64::from(samples) * weight / worth;
                 let budget = |count: u32| Budget {
-                    // Chains are many, and most are worth less than a sample each.
                     count: match count {
-                        ..2 if at.chain.is_some() => 1,
+                        ..2 if at.chain.is_some() => least,
                         _ => count.clamp(LOOK, samples.max(LOOK)).next_power_of_two(),
                     },
                     calm,
