@@ -445,8 +445,8 @@ impl ImageChains {
         Some(image)
     }
 
-    /// What the mirrors of a chain reflect together of light that leaves its image along `direction` in unfolded space, about: glass as
-    /// Schlick (1994) has it.
+    /// What the mirrors of a chain reflect together of light along `direction` in unfolded space, about: glass as Schlick (1994) has it.
+    /// More than zero, so that it can be divided by; one where no direction is known.
     pub(crate) fn reflectance(&self, chain: &ImageChain, direction: DVec3) -> f64 {
         let Some(mut direction) = direction.try_normalize() else { return 1.0 };
         let mut share = 1.0;
@@ -456,7 +456,7 @@ impl ImageChains {
             share *= strength + (1.0 - strength) * (1.0 - cos).powi(5);
             direction = plane.reflect_vector(direction);
         }
-        share
+        share.max(f64::from(MIN_STRENGTH))
     }
 
     /// Where a path to the point `light` aims before each mirror, and the light itself last.

@@ -197,11 +197,6 @@ impl Lamp {
         windows.may_show(self.center - eye, self.radius)
     }
 
-    /// Whether any of it may be seen through one window, by its normals.
-    pub(crate) fn may_be_seen_by(&self, eye: DVec3, window: &[DVec3]) -> bool {
-        Windows::one_may_show(window, self.center - eye, self.radius)
-    }
-
     /// No part of it is nearer than this, metres; below zero for a point that may be inside.
     pub(crate) fn distance(&self, point: DVec3) -> f64 {
         (self.center - point).length() - self.radius

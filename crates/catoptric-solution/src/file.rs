@@ -313,19 +313,23 @@ fn of_length<T>(name: &'static str, values: Option<Vec<T>>, expected: usize) -> 
 }
 
 fn floats(asset: &Asset, name: &'static str, count: usize) -> Result<Vec<f32>, FileError> {
-    let values = of_length(name, asset.array_f32(name), count)?;
-    match values.iter().position(|value| !value.is_finite()) {
+    finite(name, of_length(name, asset.array_f32(name), count)?, |value| value.is_finite())
+}
+
+/// The values of an array, all of which must be finite.
+fn finite<T>(
+    name: &'static str,
+    values: Vec<T>,
+    is_finite: impl Fn(&T) -> bool,
+) -> Result<Vec<T>, FileError> {
+    match values.iter().position(|value| !is_finite(value)) {
         Some(bad) => Err(FileError::Value { name, problem: format!("value {bad} is not finite") }),
         None => Ok(values),
     }
 }
 
 fn vectors(asset: &Asset, name: &'static str, count: usize) -> Result<Vec<Vec3>, FileError> {
-    let values = of_length(name, asset.array_vec3(name), count)?;
-    match values.iter().position(|value| !value.is_finite()) {
-        Some(bad) => Err(FileError::Value { name, problem: format!("vector {bad} is not finite") }),
-        None => Ok(values),
-    }
+    finite(name, of_length(name, asset.array_vec3(name), count)?, |value| value.is_finite())
 }
 
 fn indices(asset: &Asset, name: &'static str, count: usize) -> Result<Vec<u32>, FileError> {

@@ -205,8 +205,7 @@ impl Lights<'_> {
                     if windows.is_empty() {
                         add(&outline.corners, spare);
                     }
-                    for window in windows.iter().filter(|window| lamp.may_be_seen_by(image.position, window))
-                    {
+                    for window in windows.iter() {
                         part.clone_from(&outline.corners);
                         for normal in window {
                             contour::cut(part, *normal, normal.dot(image.position), spare);

@@ -41,12 +41,7 @@ impl Windows {
 
     /// Whether any of a ball about the eye + `offset` may be seen through them.
     pub fn may_show(&self, offset: DVec3, radius: f64) -> bool {
-        self.is_empty() || self.iter().any(|window| Self::one_may_show(window, offset, radius))
-    }
-
-    /// The same for one of them, by its normals.
-    pub fn one_may_show(window: &[DVec3], offset: DVec3, radius: f64) -> bool {
-        window.iter().all(|n| n.dot(offset) > -radius)
+        self.is_empty() || self.iter().any(|window| window.iter().all(|n| n.dot(offset) > -radius))
     }
 }
 

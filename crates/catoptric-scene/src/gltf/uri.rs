@@ -106,8 +106,10 @@ pub(super) fn read_limited(path: &Path, limit: u64) -> Result<(Vec<u8>, u64), St
         return Err(format!("{} bytes, more than the limit leaves ({limit})", metadata.len()));
     }
     let file = std::fs::File::open(path).map_err(|error| error.to_string())?;
+    let mut bytes = Vec::new();
     // One more: the end of the file is found without growing.
-    let mut bytes = Vec::with_capacity(usize::try_from(metadata.len()).unwrap_or(0).saturating_add(1));
+    let size = usize::try_from(metadata.len()).unwrap_or(0).saturating_add(1);
+    bytes.try_reserve_exact(size).map_err(|error| error.to_string())?;
     file.take(limit + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
     if bytes.len() as u64 > limit {
         return Err(format!("more bytes than the limit leaves ({limit})"));
