@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use catoptric_trace::interaction::{Coat, Interaction};
-use catoptric_trace::{Event, Hit, PlaneId, Ray, Tracer};
+use catoptric_trace::{Event, Hit, PlaneId, Ray, SlabId, Tracer};
 use glam::Vec3;
 
 pub(crate) const EMISSION: usize = 0;
@@ -57,10 +57,19 @@ pub(crate) struct Way {
     planar: bool,
     facet: bool,
     curved: bool,
+    /// Just entered: what comes next tells.
+    slab: Option<SlabId>,
 }
 
 impl Way {
     pub(crate) fn add(&mut self, event: Event) {
+        if let Some(slab) = self.slab.take() {
+            if event == Event::Leaves(slab) {
+                self.undeviated = true;
+                return;
+            }
+            self.curved = true;
+        }
         match event {
             Event::Undeviated => self.undeviated = true,
             // A small mirror reflects alone, or as curved ones do.
@@ -68,7 +77,8 @@ impl Way {
             Event::Facet(_) => {
                 (self.planar, self.facet, self.curved) = (true, true, self.curved || self.planar);
             }
-            Event::Curved => self.curved = true,
+            Event::Enters(slab) => self.slab = Some(slab),
+            Event::Curved | Event::Leaves(_) => self.curved = true,
         }
     }
 
@@ -77,7 +87,7 @@ impl Way {
     }
 
     pub(crate) fn is_straight(self) -> bool {
-        !(self.planar || self.curved)
+        !(self.planar || self.curved || self.slab.is_some())
     }
 
     /// Layer of light that `bounces` diffuse vertices hand on and that came this way to the first of them.
@@ -85,7 +95,7 @@ impl Way {
         match bounces {
             0 => EMISSION,
             1 if self.is_straight() => DIRECT,
-            1 if !self.curved => MIRRORED,
+            1 if !self.curved && self.slab.is_none() => MIRRORED,
             1 => CAUSTIC,
             _ => INDIRECT,
         }

@@ -245,7 +245,7 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
             let (plane, is_facet) = match tracer.reflection(id) {
                 Event::Planar(plane) => (plane, false),
                 Event::Facet(plane) => (plane, true),
-                Event::Undeviated | Event::Curved => continue,
+                Event::Undeviated | Event::Curved | Event::Enters(_) | Event::Leaves(_) => continue,
             };
             let material = scene.material_of(id);
             if !material.may_be_specular() {

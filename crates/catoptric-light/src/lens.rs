@@ -130,6 +130,10 @@ fn bodies(tracer: &Tracer) -> Vec<Lens> {
         material.may_be_specular() && surface.triangles.clone().any(bends)
     };
     let body = |triangles: Range<u32>| {
+        // Lamps are seen straight through sheets of glass.
+        if triangles.clone().any(|t| tracer.slab_of(TriangleId(t)).is_some()) {
+            return None;
+        }
         let corners = || triangles.clone().flat_map(|t| scene.corners(TriangleId(t)));
         let low = corners().fold(Vec3::INFINITY, Vec3::min);
         let high = corners().fold(Vec3::NEG_INFINITY, Vec3::max);

@@ -1,6 +1,7 @@
 //! Heckbert's path expressions, as far as ownership needs them: what happened between two diffuse ends.
 
 use crate::plane::PlaneId;
+use crate::slab::SlabId;
 
 /// What one specular event did to the direction of light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,8 +12,12 @@ pub enum Event {
     Planar(PlaneId),
     /// Reflection at a small flat mirror: alone it has an image, with others it is one of many.
     Facet(PlaneId),
-    /// Reflection at a curved surface, or any refraction.
+    /// Reflection at a curved surface, or any refraction but those of sheets.
     Curved,
+    /// Refraction into a sheet of glass, from air.
+    Enters(SlabId),
+    /// Refraction out of one, into air. Next after entering the same it undoes what that did to the direction.
+    Leaves(SlabId),
 }
 
 /// Planar reflections that a chain remembers.
@@ -26,6 +31,8 @@ pub struct Chain {
     facets: u16,
     curved: u16,
     length: u16,
+    /// Entered by the last event.
+    slab: Option<SlabId>,
 }
 
 impl Default for Chain {
@@ -37,15 +44,24 @@ impl Default for Chain {
 impl Chain {
     /// No event yet.
     pub const DIRECT: Self =
-        Self { planes: [PlaneId::NONE; MAX_PLANAR], planar: 0, facets: 0, curved: 0, length: 0 };
+        Self { planes: [PlaneId::NONE; MAX_PLANAR], planar: 0, facets: 0, curved: 0, length: 0, slab: None };
 
     /// Appends an event.
     #[inline]
     pub fn push(&mut self, event: Event) {
         self.length = self.length.saturating_add(1);
+        let entered = self.slab.take();
+        if let (Some(slab), Event::Leaves(left)) = (entered, event)
+            && slab == left
+        {
+            return;
+        }
+        // Light that was bent into a sheet does not go straight through it.
+        self.curved = self.curved.saturating_add(entered.is_some().into());
         match event {
             Event::Undeviated => {}
-            Event::Curved => self.curved = self.curved.saturating_add(1),
+            Event::Enters(slab) => self.slab = Some(slab),
+            Event::Curved | Event::Leaves(_) => self.curved = self.curved.saturating_add(1),
             Event::Planar(plane) | Event::Facet(plane) => {
                 self.facets = self.facets.saturating_add(matches!(event, Event::Facet(_)).into());
                 if let Some(slot) = self.planes.get_mut(usize::from(self.planar)) {
@@ -59,10 +75,16 @@ impl Chain {
     /// Whether any event was curved or refracting.
     #[inline]
     pub fn is_curved(&self) -> bool {
-        self.curved > 0
+        self.curved > 0 || self.is_in_slab()
     }
 
-    /// Number of events that were curved or refracting.
+    /// Whether the last event was to enter a sheet of glass: what comes next tells whether that was a bend.
+    #[inline]
+    pub fn is_in_slab(&self) -> bool {
+        self.slab.is_some()
+    }
+
+    /// Number of events that were curved or refracting, without that.
     #[inline]
     pub fn curved_count(&self) -> usize {
         usize::from(self.curved)

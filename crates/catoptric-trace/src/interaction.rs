@@ -355,7 +355,16 @@ impl Tracer<'_> {
         if let Some((towards, share, after)) = refracted {
             let throughput = share * point.opacity;
             if towards.dot(geometric) < 0.0 {
-                result.push(Branch { direction: towards, throughput, event: Event::Curved, media: after });
+                let event = match self.slab_of(hit.triangle) {
+                    Some(slab) if normal == geometric && !hit.back && media == MediumStack::AIR => {
+                        Event::Enters(slab)
+                    }
+                    Some(slab) if normal == geometric && hit.back && after == MediumStack::AIR => {
+                        Event::Leaves(slab)
+                    }
+                    _ => Event::Curved,
+                };
+                result.push(Branch { direction: towards, throughput, event, media: after });
             } else {
                 result.below += throughput;
             }
@@ -366,13 +375,6 @@ impl Tracer<'_> {
             "a surface amplifies light: {result:?}"
         );
         result
-    }
-
-    /// Share of light that passes a triangle undeviated, for shadow rays.
-    #[inline]
-    pub fn straight_through(&self, direction: Vec3, hit: &Hit) -> Rgb {
-        let interaction = self.interact(direction, hit, MediumStack::AIR);
-        interaction.branches().iter().filter(|b| b.event == Event::Undeviated).map(|b| b.throughput).sum()
     }
 
     /// Whether the back of a triangle is a surface of its own: doubleSided, thin panes and Lambertian transmission.

@@ -15,6 +15,7 @@ use crate::medium::Media;
 use crate::overlap::{COVERED_BACK, COVERED_FRONT, Overlaps};
 use crate::packet::{CUT_OUT, Facet, Nearest, Occlusion, PASSES, Probe, TRANSMITS};
 use crate::plane::{PlaneId, Planes};
+use crate::slab::{Opposite, Passage, SlabId, Slabs};
 use crate::tree::{Boxes, Tree};
 
 /// A ray. Everything in the plane `from` is ignored, exactly: no offsets.
@@ -83,6 +84,7 @@ pub struct Accelerator {
     /// Per plane: what flat mirrors, panes and coats in it are.
     flat: Vec<Flat>,
     overlaps: Overlaps,
+    slabs: Slabs,
     /// Per triangle: plain Lambertian without texture, alpha or coat.
     lambertian: Vec<bool>,
     averages: Vec<DiffuseFresnel>,
@@ -140,7 +142,10 @@ impl Accelerator {
                 }
             })
             .collect();
-        let tree = Tree::build(&boxes, &facets);
+        let (center, diagonal) = crate::plane::bounds_of(scene);
+        let mut tree = Tree::build(&boxes, &facets);
+        let slabs = slabs(scene, &planes, &tree, diagonal as f32);
+        tree.mark(PASSES, |id| slabs.of(TriangleId(id)).is_some());
         let flat = flat_mirrors(scene, &planes);
         let lambertian = scene
             .triangles()
@@ -155,7 +160,6 @@ impl Accelerator {
                     && material.metallic_roughness_texture.is_none()
             })
             .collect();
-        let (center, diagonal) = crate::plane::bounds_of(scene);
         Self {
             tree,
             media: Media::new(scene),
@@ -164,7 +168,8 @@ impl Accelerator {
             lambertian,
             averages: scene.materials().iter().map(|m| fresnel::diffuse(m.ior)).collect(),
             clearcoat: fresnel::diffuse(1.5),
-            passes_anything: facets.iter().any(|f| f.flags & PASSES != 0),
+            passes_anything: !slabs.is_empty() || facets.iter().any(|f| f.flags & PASSES != 0),
+            slabs,
             specular: scene.materials().iter().any(|m| m.may_be_specular()),
             planes,
             center: center.as_vec3(),
@@ -268,6 +273,12 @@ impl<'a> Tracer<'a> {
         }
     }
 
+    /// The sheet of glass of which a triangle is part of a face.
+    #[inline]
+    pub fn slab_of(&self, triangle: TriangleId) -> Option<SlabId> {
+        self.accelerator.slabs.of(triangle)
+    }
+
     /// Whether something else lies on a triangle, on a side that it shows.
     pub fn is_covered(&self, triangle: TriangleId) -> bool {
         let covered = self.accelerator.overlaps.covered(triangle);
@@ -363,31 +374,47 @@ impl<'a> Tracer<'a> {
     /// or the throughput of the panes and blended surfaces between.
     #[inline]
     pub fn visibility(&self, origin: Vec3, from: PlaneId, target: Vec3, to: PlaneId) -> Rgb {
+        self.visibility_at_last(origin, from, target, to, 0.0)
+    }
+
+    /// The same where light has come `before` metres to `origin`, over mirrors.
+    #[inline]
+    pub(crate) fn visibility_at_last(
+        &self,
+        origin: Vec3,
+        from: PlaneId,
+        target: Vec3,
+        to: PlaneId,
+        before: f32,
+    ) -> Rgb {
         let direction = target - origin;
         let probe = Probe::new(origin, direction, [from, to]);
         match self.accelerator.tree.occlusion(&probe, 1.0, |n| self.is_solid_here(n)) {
             Occlusion::Blocked => Rgb::ZERO,
             Occlusion::Free => Rgb::ONE,
-            Occlusion::Passing => self.undeviated(origin, from, direction, 1.0, to),
+            Occlusion::Passing => self.undeviated(origin, from, direction, 1.0, to, before),
         }
     }
 
     /// Share of light that gets straight from `origin` along `direction` to the first of `triangles` that it meets: 0 where
-    /// it meets none.
-    pub fn reaches(&self, origin: Vec3, from: PlaneId, direction: Vec3, triangles: &Range<u32>) -> Rgb {
-        let mut share = Rgb::ONE;
+    /// it meets none. `direction` leads to a point on them; light has come `before` metres to `origin`, over mirrors.
+    pub fn reaches(
+        &self,
+        origin: Vec3,
+        from: PlaneId,
+        direction: Vec3,
+        triangles: &Range<u32>,
+        before: f32,
+    ) -> Rgb {
         let mut ray = Ray { origin, direction, from };
-        let unit = direction.normalize_or_zero();
+        let length = direction.length();
+        let mut passage = Passage::new(self, direction.normalize_or_zero(), before + length);
         for _ in 0..MAX_LAYERS {
             let Some(hit) = self.nearest(&ray, f32::INFINITY) else { return Rgb::ZERO };
             if triangles.contains(&hit.triangle.0) {
-                return share;
+                return passage.share();
             }
-            if !self.accelerator.passes_anything {
-                return Rgb::ZERO;
-            }
-            share *= self.straight_through(unit, &hit);
-            if share.max_element() <= 0.0 {
+            if !self.accelerator.passes_anything || !passage.passes(&hit, hit.t * length) {
                 return Rgb::ZERO;
             }
             ray.origin += direction * hit.t;
@@ -422,7 +449,7 @@ impl<'a> Tracer<'a> {
         match self.accelerator.tree.occlusion_among(suspects, &probe, 1.0, |n| self.is_solid_here(n)) {
             Occlusion::Blocked => Rgb::ZERO,
             Occlusion::Free => Rgb::ONE,
-            Occlusion::Passing => self.undeviated(origin, from, direction, 1.0, to),
+            Occlusion::Passing => self.undeviated(origin, from, direction, 1.0, to, 0.0),
         }
     }
 
@@ -447,7 +474,7 @@ impl<'a> Tracer<'a> {
         match self.accelerator.tree.occlusion(&probe, f32::INFINITY, |n| self.is_solid_here(n)) {
             Occlusion::Blocked => Rgb::ZERO,
             Occlusion::Free => Rgb::ONE,
-            Occlusion::Passing => self.undeviated(origin, from, direction, f32::INFINITY, PlaneId::NONE),
+            Occlusion::Passing => self.undeviated(origin, from, direction, f32::INFINITY, PlaneId::NONE, 0.0),
         }
     }
 
@@ -464,22 +491,22 @@ impl<'a> Tracer<'a> {
         direction: Vec3,
         length: f32,
         to: PlaneId,
+        before: f32,
     ) -> Rgb {
-        let mut share = Rgb::ONE;
         let mut remaining = length;
-        let unit = direction.normalize_or_zero();
+        let scale = direction.length();
+        let mut passage = Passage::new(self, direction.normalize_or_zero(), before + scale * length);
         for _ in 0..MAX_LAYERS {
             let probe = Probe::new(origin, direction, [from, to]);
             let Some(nearest) = self.accelerator.tree.nearest(&probe, remaining, |n| self.is_solid_here(n))
             else {
-                return share;
+                return passage.share();
             };
             if nearest.t >= remaining {
-                return share;
+                return passage.share();
             }
             let hit = Hit::new(&nearest);
-            share *= self.straight_through(unit, &hit);
-            if share.max_element() <= 0.0 {
+            if !passage.passes(&hit, hit.t * scale) {
                 return Rgb::ZERO;
             }
             origin += direction * hit.t;
@@ -488,6 +515,30 @@ impl<'a> Tracer<'a> {
         }
         Rgb::ZERO
     }
+}
+
+/// Surfaces along the way out of other media that are looked at.
+const MOST_BORDERS: u32 = 32;
+
+/// The sheets of glass in a scene.
+fn slabs(scene: &Scene, planes: &Planes, tree: &Tree, diagonal: f32) -> Slabs {
+    let beyond = |origin: Vec3, from: PlaneId, direction: Vec3, most: f32| {
+        let probe = Probe::new(origin, direction, [from, PlaneId::NONE]);
+        let found = tree.nearest(&probe, most, |_| true)?;
+        found.back.then_some(Opposite { triangle: TriangleId(found.id), distance: found.t })
+    };
+    let is_in_air = |mut origin: Vec3, mut from: PlaneId, direction: Vec3| {
+        for _ in 0..MOST_BORDERS {
+            let probe = Probe::new(origin, direction, [from, PlaneId::NONE]);
+            let Some(found) = tree.nearest(&probe, f32::INFINITY, |_| true) else { return true };
+            if scene.material_of(TriangleId(found.id)).is_solid() {
+                return !found.back;
+            }
+            (origin, from) = (origin + direction * found.t, found.plane);
+        }
+        true
+    };
+    Slabs::new(scene, planes, diagonal, beyond, is_in_air)
 }
 
 /// What reflects in a plane.

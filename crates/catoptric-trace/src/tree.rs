@@ -107,6 +107,15 @@ impl Tree {
         tree
     }
 
+    /// Adds flags to some triangles.
+    pub(crate) fn mark(&mut self, flags: u8, is_marked: impl Fn(u32) -> bool) {
+        for packet in &mut self.packets {
+            for (lane, &id) in packet.ids.iter().enumerate() {
+                packet.flags[lane] |= if is_marked(id) { flags } else { 0 };
+            }
+        }
+    }
+
     /// Turns the binary tree into one of eight children a node.
     fn collapse(&mut self, binary: &Bvh2, facets: &[Facet]) {
         // Pairs of (binary node, slot to fill): the slot is (node, child) of this tree.

@@ -14,6 +14,7 @@ use crate::ledger::{Ledger, entry};
 use crate::medium::MediumStack;
 use crate::plane::PlaneId;
 use crate::sequence::Key;
+use crate::slab::Passage;
 use crate::tracer::{Hit, Ray, Tracer};
 
 pub mod split;
@@ -235,7 +236,7 @@ pub fn follow(
         return Rgb::ZERO;
     }
     let Some(left) = over_mirrors(tracer, origin, from, planes, targets) else { return Rgb::ZERO };
-    left.throughput * tracer.visibility(left.origin, left.from, left.target, to)
+    left.throughput * tracer.visibility_at_last(left.origin, left.from, left.target, to, left.distance)
 }
 
 /// What is left of a path behind its last mirror.
@@ -249,6 +250,8 @@ pub struct Left {
     pub target: Vec3,
     /// Power throughput so far.
     pub throughput: Rgb,
+    /// Length of the path so far, metres.
+    pub distance: f32,
 }
 
 /// The first part of [`follow`], up to the last mirror; `None` where a mirror is missed or something blocks.
@@ -260,6 +263,8 @@ pub fn over_mirrors(
     targets: &[Vec3],
 ) -> Option<Left> {
     let mut throughput = Rgb::ONE;
+    let mut distance = 0.0;
+    let length = targets.first().map_or(0.0, |image| image.distance(origin));
     let mut ray = Ray { origin, direction: Vec3::ZERO, from };
     for (&plane, &target) in planes.iter().zip(targets) {
         let aim = (target - ray.origin).normalize_or_zero();
@@ -268,34 +273,45 @@ pub fn over_mirrors(
             return None;
         }
         ray.direction = aim;
-        ray = off_mirror(tracer, ray, plane, &mut throughput)?;
+        let start = ray.origin;
+        ray = off_mirror(tracer, ray, plane, length, &mut throughput)?;
+        distance += ray.origin.distance(start);
     }
     let target = *targets.last()?;
     let ahead = (target - ray.origin).dot(ray.direction) >= 0.0;
-    ahead.then_some(Left { origin: ray.origin, from: ray.from, target, throughput })
+    ahead.then_some(Left { origin: ray.origin, from: ray.from, target, throughput, distance })
 }
 
 /// Surfaces that one leg of a path passes, at most.
 const MAX_CROSSINGS: u32 = 64;
 
 /// Straight on through whatever lets light pass, up to a mirror in `plane` and off it; `None` where it is missed or something
-/// blocks.
-fn off_mirror(tracer: &Tracer, mut ray: Ray, plane: PlaneId, throughput: &mut Rgb) -> Option<Ray> {
+/// blocks. `length` is that of the whole path.
+fn off_mirror(
+    tracer: &Tracer,
+    mut ray: Ray,
+    plane: PlaneId,
+    length: f32,
+    throughput: &mut Rgb,
+) -> Option<Ray> {
+    let mut passage = Passage::new(tracer, ray.direction, length);
     for _ in 0..=MAX_CROSSINGS {
         let hit = tracer.nearest(&ray, f32::INFINITY)?;
-        let interaction = tracer.interact(ray.direction, &hit, MediumStack::AIR);
         let here = tracer.planes().of(hit.triangle);
-        let is_wanted = |event: Event| match event {
-            Event::Planar(at) | Event::Facet(at) => at == plane,
-            Event::Undeviated => here != plane,
-            Event::Curved => false,
-        };
-        let branch = interaction.branches().iter().find(|b| is_wanted(b.event))?;
-        *throughput *= branch.throughput;
-        ray = Ray { origin: ray.origin + ray.direction * hit.t, direction: branch.direction, from: here };
-        if here == plane {
-            return Some(ray);
+        let origin = ray.origin + ray.direction * hit.t;
+        if here != plane {
+            if !passage.passes(&hit, hit.t) {
+                return None;
+            }
+            ray = Ray { origin, from: here, ..ray };
+            continue;
         }
+        let interaction = tracer.interact(ray.direction, &hit, MediumStack::AIR);
+        let is_wanted = |event: Event| matches!(event, Event::Planar(at) | Event::Facet(at) if at == plane);
+        let branch = interaction.branches().iter().find(|b| is_wanted(b.event))?;
+        // Nothing in a sheet of glass has been passed.
+        *throughput *= passage.share() * branch.throughput;
+        return Some(Ray { origin, direction: branch.direction, from: here });
     }
     None
 }
@@ -309,17 +325,20 @@ pub fn arrival_over(
 ) -> Option<(Hit, Vec3, Interaction)> {
     let mut throughput = Rgb::ONE;
     for plane in planes {
-        ray = off_mirror(tracer, ray, plane, &mut throughput)?;
+        ray = off_mirror(tracer, ray, plane, f32::INFINITY, &mut throughput)?;
     }
+    let mut passage = Passage::new(tracer, ray.direction, f32::INFINITY);
     for _ in 0..=MAX_CROSSINGS {
         let hit = tracer.nearest(&ray, f32::INFINITY)?;
         let interaction = tracer.interact(ray.direction, &hit, MediumStack::AIR);
         let origin = ray.origin + ray.direction * hit.t;
-        if interaction.receives > 0.0 {
+        if interaction.receives > 0.0 && passage.share() != Rgb::ZERO {
             return Some((hit, origin, interaction));
         }
-        let branch = interaction.branches().iter().find(|b| b.event == Event::Undeviated)?;
-        ray = Ray { origin, direction: branch.direction, from: tracer.planes().of(hit.triangle) };
+        if !passage.passes(&hit, hit.t) {
+            return None;
+        }
+        ray = Ray { origin, from: tracer.planes().of(hit.triangle), ..ray };
     }
     None
 }

@@ -11,6 +11,7 @@ use glam::{Vec2, Vec3};
 
 use catoptric_scene::Rgb;
 use catoptric_trace::sequence::{Key, concentric_disk, cosine_hemisphere, frame};
+use catoptric_trace::slab::Passage;
 use catoptric_trace::walk::split::{self, Sight, SplitParams, Waiting};
 use catoptric_trace::{Event, MediumStack, Ray, Tracer};
 
@@ -407,6 +408,7 @@ impl<'a> LensView<'a> {
         let Receiver { position, plane, media, .. } = *self.receiver;
         let mut ray = Ray { origin: position, direction, from: plane };
         let mut throughput = Rgb::ONE;
+        let mut passage = Passage::new(tracer, direction, f32::INFINITY);
         let (mut sum, mut distance) = (Rgb::ZERO, 0.0);
         self.rays += 1;
         for _ in 0..MAX_CROSSINGS {
@@ -420,9 +422,17 @@ impl<'a> LensView<'a> {
             } else if matches!(self.span, Span::Cone { distance: before, .. } if distance < before) {
                 self.blocked += 1;
             }
-            let interaction = tracer.interact(direction, &hit, media);
             let at = ray.origin + direction * hit.t;
             let from = tracer.planes().of(hit.triangle);
+            if media == MediumStack::AIR && tracer.slab_of(hit.triangle).is_some() {
+                if !passage.passes(&hit, hit.t) {
+                    break;
+                }
+                (ray.origin, ray.from) = (at, from);
+                continue;
+            }
+            let throughput_here = throughput * passage.share();
+            let interaction = tracer.interact(direction, &hit, media);
             let mut goes_on = Rgb::ZERO;
             for (branch, number) in interaction.branches().iter().zip(0..) {
                 match branch.event {
@@ -430,10 +440,14 @@ impl<'a> LensView<'a> {
                     Event::Curved if is_lens => {
                         let origin = tracer.departure(&hit, at);
                         let ray = Ray { origin, direction: branch.direction, from };
-                        sum += self.beyond(ray, branch.media, throughput * branch.throughput, number);
+                        sum += self.beyond(ray, branch.media, throughput_here * branch.throughput, number);
                     }
                     // Others own it.
-                    Event::Curved | Event::Planar(_) | Event::Facet(_) => {}
+                    Event::Curved
+                    | Event::Planar(_)
+                    | Event::Facet(_)
+                    | Event::Enters(_)
+                    | Event::Leaves(_) => {}
                 }
             }
             throughput *= goes_on;

@@ -160,7 +160,7 @@ impl Lights<'_> {
                     // Where it meets nothing else, it meets the lamp.
                     Some(s) if meets(s, f32::INFINITY) == Occlusion::Free => Rgb::ONE,
                     Some(s) if meets(s, before()) == Occlusion::Blocked => Rgb::ZERO,
-                    _ => self.tracer.reaches(position, plane, direction, &lamp.triangles),
+                    _ => self.tracer.reaches(position, plane, direction, &lamp.triangles, 0.0),
                 }
             }
             (Some(chain), Goal::Plane(to)) => {
@@ -171,7 +171,13 @@ impl Lights<'_> {
                     Some(left) => {
                         let direction = left.target - left.origin;
                         left.throughput
-                            * self.tracer.reaches(left.origin, left.from, direction, &lamp.triangles)
+                            * self.tracer.reaches(
+                                left.origin,
+                                left.from,
+                                direction,
+                                &lamp.triangles,
+                                left.distance,
+                            )
                     }
                     None => Rgb::ZERO,
                 }

@@ -293,13 +293,13 @@ impl<'a> Emission<'a> {
         let (mut deposited, mut elsewhere) = (DVec3::ZERO, DVec3::ZERO);
         let mut last = Bend::new(target.triangle, branch.event);
         let meet = |arrival: &Arrival| {
-            last.follow(arrival);
+            let bend = last.follow(arrival);
             if arrival.interaction.receives <= 0.0 {
                 return;
             }
             let kept = arrival.throughput * (Rgb::ONE - arrival.interaction.passed_on());
             let owner = if source.is_lamp() {
-                self.lights.owner_from_lamp(arrival.chain, last.by)
+                self.lights.owner_from_lamp(arrival.chain, bend)
             } else {
                 self.lights.owner_from_light(arrival.chain)
             };
@@ -409,15 +409,18 @@ impl Bend {
         Self { by, met: triangle, events: (chain.curved_count(), chain.planar_count()) }
     }
 
-    /// Light has met another surface.
-    fn follow(&mut self, arrival: &Arrival) {
+    /// Light has met another surface. Returns what has bent it last.
+    fn follow(&mut self, arrival: &Arrival) -> Option<TriangleId> {
         let events = (arrival.chain.curved_count(), arrival.chain.planar_count());
         if events.0 != self.events.0 {
             self.by = Some(self.met);
         } else if events.1 != self.events.1 {
             self.by = None;
         }
-        (self.events, self.met) = (events, arrival.hit.triangle);
+        let before = std::mem::replace(&mut self.met, arrival.hit.triangle);
+        self.events = events;
+        // What is met within a sheet of glass does not know whether that will have been a bend.
+        if arrival.chain.is_in_slab() { Some(before) } else { self.by }
     }
 }
 
