@@ -189,7 +189,7 @@ fn particle(
         let tilt = |d: Vec3| d.dot(surface.normal).abs() / d.dot(surface.geometric).abs().max(1e-6);
         let arrives = power * surface.receives * tilt(ray.direction);
         let (diffuse, through) = (arrives * surface.reflectance, arrives * surface.transmittance);
-        let ends = bounces == 0 && way.is_straight();
+        let ends = bounces == 0 && way.is_open();
         let weights = [diffuse, through].into_iter().map(|w| if ends { Vec3::ZERO } else { w });
         let weights = weights.chain(surface.branches().iter().map(|b| power * b.throughput));
         let Some((choice, probability)) = choose(weights.map(|w| w.max_element()), random) else { return };

@@ -59,13 +59,15 @@ pub(crate) struct Way {
     curved: bool,
     /// Just entered: what comes next tells.
     slab: Option<SlabId>,
+    /// Went through a sheet of glass by refraction, to go on in its direction: next-event estimation does not find that.
+    sheet: bool,
 }
 
 impl Way {
     pub(crate) fn add(&mut self, event: Event) {
         if let Some(slab) = self.slab.take() {
             if event == Event::Leaves(slab) {
-                self.undeviated = true;
+                (self.undeviated, self.sheet) = (true, true);
                 return;
             }
             self.curved = true;
@@ -88,6 +90,11 @@ impl Way {
 
     pub(crate) fn is_straight(self) -> bool {
         !(self.planar || self.curved || self.slab.is_some())
+    }
+
+    /// Whether next-event estimation finds such paths.
+    pub(crate) fn is_open(self) -> bool {
+        self.is_straight() && !self.sheet
     }
 
     /// Layer of light that `bounces` diffuse vertices hand on and that came this way to the first of them.

@@ -189,9 +189,9 @@ impl<'a> Scenery<'a> {
             let mut emitted = self.emitted(&hit, &surface, ray.direction);
             if bounces == 0 {
                 emitted += surface.shown.0;
-            } else if seen == 0 && self.particles && !way.is_straight() {
+            } else if seen == 0 && self.particles && !way.is_open() {
                 emitted = Rgb::ZERO;
-            } else if way.is_straight() {
+            } else if way.is_open() {
                 let cos = ray.direction.dot(surface.geometric).abs();
                 let towards = self.density[hit.triangle.index()] * position.distance_squared(start);
                 emitted *= density_out * cos / (density_out * cos + towards).max(f32::MIN_POSITIVE);

@@ -171,6 +171,39 @@ fn a_sky_with_a_small_sun_agrees() {
     assert_caught(&caught, &["direct", "mirrored", "indirect"]);
 }
 
+/// A closed room with a lamp behind a screen of tinted glass that has both its faces, a mirror that shows the lamp through it, and a block.
+fn behind_a_sheet(thickness: f32) -> Scene {
+    let (mut parts, white) = white_room();
+    let mirror = parts.add_material(Material::mirror("mirror", Rgb::new(0.9, 0.85, 0.8)));
+    let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::splat(20.0))));
+    let tinted = Material { absorption: Rgb::new(20.0, 5.0, 0.0), ..Material::glass("sheet", 1.5) };
+    let glass = parts.add_material(tinted);
+    parts.add_quad("lamp", lamp, Vec3::new(-0.2, 1.5, -1.3), Vec3::X * 0.4, Vec3::new(0.0, 0.4, 0.1));
+    let low = Vec3::new(-1.0, 0.1, -0.8);
+    parts.add_box("sheet", glass, low, low + Vec3::new(2.0, 1.85, thickness), false);
+    parts.add_quad("mirror", mirror, Vec3::new(-1.49, 0.2, 1.2), Vec3::NEG_Z * 1.6, Vec3::Y * 1.6);
+    parts.add_box("block", white, Vec3::new(0.3, 0.0, -0.2), Vec3::new(0.7, 0.9, 0.2), false);
+    parts.cameras.push(looking(Vec3::new(1.2, 1.6, 1.45), Vec3::new(-0.5, 0.5, -0.3), 1.2));
+    Scene::new(parts).expect("the scene is valid")
+}
+
+#[test]
+fn sheets_of_glass_agree() {
+    let mut caught: Caught = Default::default();
+    let level = FAMILY / (2 * comparisons(WIDTH, WIDTH, LAYERS.len())) as f64;
+    // As a sheet that is straight for shadow rays, and as one that is too thick for it.
+    for (thickness, is_sheet) in [(0.015, true), (0.08, false)] {
+        let scene = behind_a_sheet(thickness);
+        let tracer = Tracer::new(&scene);
+        let mut triangles = (0..scene.triangles().len() as u32).map(TriangleId);
+        assert_eq!(triangles.any(|t| tracer.slab_of(t).is_some()), is_sheet);
+        // The twin meets the lamp by chance: one path in fifty.
+        let failures = judge("behind_a_sheet", &scene, 16 * SAMPLES, level, &mut caught);
+        assert!(failures.is_empty(), "{}", failures.join("\n"));
+    }
+    assert_caught(&caught, &["direct", "mirrored", "caustic", "indirect"]);
+}
+
 /// A closed room with a lamp that looks at a hundred small mirrors, which all throw its light at one place on the opposite wall, beside a
 /// larger mirror, in which they are seen.
 fn burning_mirrors() -> Scene {

@@ -130,3 +130,40 @@ impl Chain {
         self.planes.get(..usize::from(self.planar))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(events: &[Event]) -> Chain {
+        let mut chain = Chain::DIRECT;
+        events.iter().for_each(|&event| chain.push(event));
+        chain
+    }
+
+    #[test]
+    fn what_enters_a_sheet_and_leaves_it_next_goes_straight() {
+        let [own, other] = [SlabId(1), SlabId(2)];
+        let through = [Event::Enters(own), Event::Leaves(own)];
+        let mirror = Event::Planar(PlaneId(3));
+        assert!(!of(&through).is_curved());
+        assert_eq!(of(&through).len(), 2);
+        let twice = [through, [Event::Enters(other), Event::Leaves(other)]].concat();
+        assert!(!of(&twice).is_curved());
+        let before_a_mirror = of(&[through.as_slice(), &[mirror], &through].concat());
+        assert!(!before_a_mirror.is_curved());
+        assert_eq!(before_a_mirror.planes(), Some([PlaneId(3)].as_slice()));
+        // Whatever else happens within the glass, and what ends there, is bent.
+        for within in [&[][..], &[Event::Curved], &[Event::Undeviated], &[mirror], &[Event::Enters(other)]] {
+            let mut events = vec![Event::Enters(own)];
+            events.extend(within);
+            assert!(of(&events).is_curved(), "{events:?}");
+            assert_eq!(of(&events).is_in_slab(), matches!(events.last(), Some(Event::Enters(_))));
+            events.push(Event::Leaves(own));
+            assert_eq!(of(&events).is_curved(), !within.is_empty(), "{events:?}");
+        }
+        assert!(of(&[Event::Leaves(own)]).is_curved());
+        assert!(of(&[Event::Enters(own), Event::Leaves(other)]).is_curved());
+        assert!(of(&[Event::Leaves(own), Event::Enters(own)]).is_curved());
+    }
+}

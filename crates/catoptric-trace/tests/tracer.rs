@@ -282,3 +282,71 @@ fn what_only_touches_in_one_plane_lies_on_nothing() {
     let tracer = Tracer::new(&scene);
     assert!((0..6).all(|i| !tracer.is_covered(TriangleId(i))));
 }
+
+/// A sheet of glass of 1 × 1 m in the plane z = 0, another body of glass 1 m across at x = 3, and a wall far off, so that the scene is 12 m long.
+fn with_sheet(thickness: f32, material: Material) -> Scene {
+    let mut parts = SceneParts::default();
+    let white = parts.add_material(Material::lambertian("white", Rgb::ONE));
+    let glass = parts.add_material(material);
+    parts.add_box("sheet", glass, Vec3::ZERO, Vec3::new(1.0, 1.0, thickness), false);
+    parts.add_box("block", glass, Vec3::new(3.0, 0.0, 0.0), Vec3::new(4.0, 1.0, 1.0), false);
+    parts.add_quad("wall", white, Vec3::new(10.0, 0.0, -2.0), Vec3::Z * 4.0, Vec3::Y * 4.0);
+    Scene::new(parts).expect("a valid scene")
+}
+
+/// At normal incidence a sheet passes (1 − R)² e^(−σd) of what is d(1 − 1/n) nearer, with R = ((n − 1)/(n + 1))².
+#[test]
+fn shadow_rays_pass_sheets_of_glass() {
+    let (ior, thickness, absorption) = (1.5, 0.02, Rgb::new(30.0, 3.0, 0.0));
+    let scene = with_sheet(thickness, Material { absorption, ..Material::glass("glass", ior) });
+    let tracer = Tracer::new(&scene);
+    assert!(tracer.passes_anything());
+    let none = PlaneId::NONE;
+    let see = |a: Vec3, b: Vec3| tracer.visibility(a, none, b, none);
+    let reflectance = ((ior - 1.0) / (ior + 1.0)).powi(2);
+    let nearer = 1.5 / (1.5 - thickness * (1.0 - 1.0 / ior));
+    for (a, b) in [(1.0, -0.5), (-0.5, 1.0)] {
+        let found = see(Vec3::new(0.3, 0.4, a), Vec3::new(0.3, 0.4, b));
+        for channel in 0..3 {
+            let passed = libm::expf(-absorption[channel] * thickness) * (1.0 - reflectance).powi(2);
+            let expected = passed * nearer * nearer;
+            assert!((found[channel] / expected - 1.0).abs() < 1e-5, "{found} {channel} {expected}");
+        }
+    }
+    // From far away nothing is nearer; past the sheet there is no glass; its edge and thick glass let nothing straight through.
+    let far = tracer.visibility_to_infinity(Vec3::new(0.3, 0.4, -1.0), none, Vec3::Z);
+    assert!((far.z - (1.0 - reflectance).powi(2)).abs() < 1e-6);
+    assert_eq!(see(Vec3::new(1.3, 0.4, 1.0), Vec3::new(1.3, 0.4, -1.0)), Rgb::ONE);
+    assert_eq!(see(Vec3::new(-0.5, 0.4, 0.0101), Vec3::new(1.5, 0.4, 0.0099)), Rgb::ZERO);
+    assert_eq!(see(Vec3::new(3.3, 0.4, 2.0), Vec3::new(3.3, 0.4, -1.0)), Rgb::ZERO);
+    // What ends within the glass is not behind it.
+    assert_eq!(see(Vec3::new(0.3, 0.4, 1.0), Vec3::new(0.3, 0.4, 0.01)), Rgb::ZERO);
+}
+
+#[test]
+fn sheets_are_thin_even_and_in_air() {
+    let sheets = |scene: &Scene| {
+        let tracer = Tracer::new(scene);
+        (0..scene.triangles().len() as u32).filter(|&t| tracer.slab_of(TriangleId(t)).is_some()).count()
+    };
+    let glass = || Material::glass("glass", 1.5);
+    // Two triangles on each of two sides. The limit is half a per cent of a diagonal of 11 m.
+    assert_eq!(sheets(&with_sheet(0.05, glass())), 4);
+    assert_eq!(sheets(&with_sheet(0.06, glass())), 0);
+    assert_eq!(sheets(&with_sheet(0.02, Material { alpha_mode: AlphaMode::Blend, ..glass() })), 0);
+    // A wedge: what passes is turned.
+    let wedge = |rise: f32| {
+        let mut parts = with_sheet(0.02, glass()).into_parts();
+        for vertex in &mut parts.vertices {
+            let on_top = vertex.position.z > 0.0 && vertex.position.z < 0.1 && vertex.position.x > 0.5;
+            vertex.position.z += if on_top { rise } else { 0.0 };
+        }
+        sheets(&Scene::new(parts).expect("a valid scene"))
+    };
+    assert_eq!((wedge(0.0), wedge(0.004)), (4, 0));
+    // In water light is not turned back to the same direction by all that follows.
+    let mut parts = with_sheet(0.02, glass()).into_parts();
+    let water = parts.add_material(Material::glass("water", 1.33));
+    parts.add_box("water", water, Vec3::splat(-0.5), Vec3::splat(1.5), false);
+    assert_eq!(sheets(&Scene::new(parts).expect("a valid scene")), 0);
+}
