@@ -309,7 +309,7 @@ fn off_mirror(
         let interaction = tracer.interact(ray.direction, &hit, MediumStack::AIR);
         let is_wanted = |event: Event| matches!(event, Event::Planar(at) | Event::Facet(at) if at == plane);
         let branch = interaction.branches().iter().find(|b| is_wanted(b.event))?;
-        // Nothing in a sheet of glass has been passed.
+        // 0 where the mirror lies within a sheet of glass.
         *throughput *= passage.share() * branch.throughput;
         return Some(Ray { origin, direction: branch.direction, from: here });
     }
