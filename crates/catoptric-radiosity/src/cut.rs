@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-use catoptric_scene::{Barycentric, Scene, TriangleId};
+use catoptric_scene::{Barycentric, Scene, TriangleId, Union};
 use catoptric_trace::{MediumId, Tracer};
 
 use crate::JOB;
@@ -16,7 +16,6 @@ use crate::draft::{Draft, DraftVertex, Leaf, edge};
 use crate::face::FaceDraft;
 use crate::inset::INSET;
 use crate::triangulate::{CutMesh, cut};
-use crate::union::Union;
 
 /// Crossings nearer to the end of an edge than this share of its length are at its end: the points of vertices are drawn farther
 /// inside than that.

@@ -7,7 +7,7 @@ use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-use catoptric_scene::TriangleId;
+use catoptric_scene::{TriangleId, Union};
 use catoptric_trace::{MediumId, Tracer};
 
 use crate::arrangement::distinct;
@@ -17,7 +17,6 @@ use crate::face::{FaceDraft, faces};
 use crate::lattice::Lattice;
 use crate::media::find_media;
 use crate::triangulate::{FlatMesh, triangulate};
-use crate::union::Union;
 
 mod receivers;
 mod subdivision;

@@ -5,11 +5,10 @@ use std::collections::{BTreeMap, HashMap};
 
 use glam::{DVec2, DVec3, Vec3};
 
-use catoptric_scene::{Side, TriangleId};
+use catoptric_scene::{Side, TriangleId, Union};
 use catoptric_trace::{PlaneId, Tracer};
 
 use crate::face_grid::FaceGrid;
-use crate::union::Union;
 
 /// A flat region of one material on one side.
 #[derive(Clone, Debug)]

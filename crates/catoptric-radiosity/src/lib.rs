@@ -38,7 +38,6 @@ pub mod solve;
 pub mod solver;
 mod source_light;
 pub mod triangulate;
-mod union;
 
 pub use solve::{SolveError, SolveParams, SolveReport, Solved, solve};
 

@@ -7,9 +7,10 @@ use spade::{
     AngleLimit, ConstrainedDelaunayTriangulation, HasPosition, Point2, RefinementParameters, Triangulation,
 };
 
+use catoptric_scene::Union;
+
 use crate::arrangement::{Arrangement, outline};
 use crate::contact::Segment;
-use crate::union::Union;
 
 /// A flat triangle mesh whose corners know on which side of a contact line they are.
 #[derive(Clone, Debug, Default)]

@@ -17,6 +17,7 @@ pub mod quantity;
 pub mod scene;
 pub mod side;
 pub mod texture;
+pub mod union;
 
 pub use camera::{Camera, Projection};
 pub use hash::SceneHash;
@@ -30,3 +31,4 @@ pub use quantity::{Irradiance, Radiance, Radiosity, Rgb};
 pub use scene::{Barycentric, Scene, SceneIssue, SceneParts, Surface, Triangle, Vertex};
 pub use side::Side;
 pub use texture::{Texture, TextureRef, TextureTransform, Wrap};
+pub use union::Union;

@@ -9,7 +9,7 @@
 use glam::Vec3;
 use rustc_hash::FxHashMap;
 
-use catoptric_scene::{AlphaMode, MaterialId, Rgb, Scene, TriangleId};
+use catoptric_scene::{AlphaMode, MaterialId, Rgb, Scene, TriangleId, Union};
 
 use crate::chain::Event;
 use crate::medium::MediumStack;
@@ -136,33 +136,19 @@ impl Slabs {
 
 /// Sorts triangles into connected parts of planes, in the order of their first triangles. Corners are shared where they are in the same place.
 fn faces(scene: &Scene, planes: &Planes, candidates: &[TriangleId]) -> Vec<Face> {
-    let mut leader: Vec<usize> = (0..candidates.len()).collect();
-    fn lead(leader: &mut [usize], mut of: usize) -> usize {
-        while leader[of] != of {
-            leader[of] = leader[leader[of]];
-            of = leader[of];
-        }
-        of
-    }
-    let mut first_at: FxHashMap<(u32, [u32; 3]), usize> = FxHashMap::default();
+    let mut joined = Union::new(candidates.len());
+    let mut first_at: FxHashMap<(u32, [u32; 3]), u32> = FxHashMap::default();
     for (index, &triangle) in candidates.iter().enumerate() {
         for corner in scene.corners(triangle) {
             // −0 is 0.
             let place = (planes.of(triangle).0, (corner + Vec3::ZERO).to_array().map(f32::to_bits));
-            let other = *first_at.entry(place).or_insert(index);
-            let (a, b) = (lead(&mut leader, index), lead(&mut leader, other));
-            leader[a.max(b)] = a.min(b);
+            joined.join(index as u32, *first_at.entry(place).or_insert(index as u32));
         }
     }
-    let mut number = vec![usize::MAX; candidates.len()];
-    let mut faces: Vec<Face> = Vec::new();
-    for (index, &triangle) in candidates.iter().enumerate() {
-        let root = lead(&mut leader, index);
-        if number[root] == usize::MAX {
-            number[root] = faces.len();
-            faces.push(Face { triangles: Vec::new(), width: 0.0 });
-        }
-        faces[number[root]].triangles.push(triangle);
+    let (number, count) = joined.numbered();
+    let mut faces: Vec<Face> = (0..count).map(|_| Face { triangles: Vec::new(), width: 0.0 }).collect();
+    for (&number, &triangle) in number.iter().zip(candidates) {
+        faces[number as usize].triangles.push(triangle);
     }
     for face in &mut faces {
         let corners = || face.triangles.iter().flat_map(|&t| scene.corners(t));

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3};
 
+use catoptric_scene::Union;
+
 use crate::arrangement::Points;
-use crate::union::Union;
 
 /// What hangs parallel before a face nearer than this share of the edge length leaves its outline there.
 pub(super) const HANGING: f64 = 0.2;

@@ -2,8 +2,9 @@
 
 use catoptric_solution::DisplayMesh;
 
+use catoptric_scene::Union;
+
 use super::bending::{Bend, bends};
-use crate::union::Union;
 
 /// Vertices of a job, at least: parts of a few are solved together.
 const JOB_VERTICES: u32 = 512;

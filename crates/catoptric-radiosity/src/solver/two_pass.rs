@@ -2,11 +2,10 @@
 //!
 //! H_i = f_i + Σ_j F_ij·B_j with B_j = ρ_j·(S_j + H_j) + τ_j·(S + H) of the other side; S is what sources send directly.
 
-use catoptric_scene::Rgb;
+use catoptric_scene::{Rgb, Union};
 
 use crate::patch::{PatchId, PatchMesh};
 use crate::rows::Row;
-use crate::union::Union;
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,6 +8,7 @@ use std::collections::HashMap;
 use glam::DVec3;
 
 use crate::scene::SceneParts;
+use crate::union::Union;
 
 use super::report::Report;
 
@@ -85,19 +86,17 @@ fn collect(parts: &SceneParts, material: usize) -> Vec<Body> {
     }
 
     // Join corners that share a triangle; a body has the number of its root.
-    let mut parents: Vec<u32> = (0..ids.len() as u32).collect();
+    let mut joined = Union::new(ids.len());
     for (_, [a, b, c], _) in &triangles {
-        for other in [b, c] {
-            let (a, b) = (root(&mut parents, *a), root(&mut parents, *other));
-            parents[a.max(b) as usize] = a.min(b);
-        }
+        joined.join(*a, *b);
+        joined.join(*a, *c);
     }
 
     // Gather the triangles of each body, in order of their first triangle.
-    let mut positions: Vec<Option<usize>> = vec![None; parents.len()];
+    let mut positions: Vec<Option<usize>> = vec![None; ids.len()];
     let mut bodies: Vec<Body> = Vec::new();
     for (surface, [corner, ..], points) in &triangles {
-        let root = root(&mut parents, *corner) as usize;
+        let root = joined.find(*corner) as usize;
         let position = *positions[root].get_or_insert(bodies.len());
         if position == bodies.len() {
             bodies.push(Body {
@@ -132,22 +131,12 @@ fn collect(parts: &SceneParts, material: usize) -> Vec<Body> {
     edges.sort_unstable();
     for same in edges.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)) {
         if same.iter().map(|edge| edge.2).sum::<i32>() != 0
-            && let Some(position) = positions[root(&mut parents, same[0].0) as usize]
+            && let Some(position) = positions[joined.find(same[0].0) as usize]
         {
             bodies[position].open_edges += 1;
         }
     }
     bodies
-}
-
-/// The root of a corner's set; paths are halved on the way.
-fn root(parents: &mut [u32], mut at: u32) -> u32 {
-    while parents[at as usize] != at {
-        let above = parents[at as usize];
-        parents[at as usize] = parents[above as usize];
-        at = above;
-    }
-    at
 }
 
 /// Whether `inner` lies inside of `outer`: its box does, and a ray from one of its corners leaves `outer`

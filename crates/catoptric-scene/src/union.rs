@@ -1,18 +1,19 @@
 //! Which things hang together (union–find).
 
 /// Sets of 0..n, joined step by step; the least member names a set.
-pub(crate) struct Union {
+#[derive(Clone, Debug)]
+pub struct Union {
     parent: Vec<u32>,
 }
 
 impl Union {
     /// Each alone.
-    pub(crate) fn new(count: usize) -> Self {
+    pub fn new(count: usize) -> Self {
         Self { parent: (0..count as u32).collect() }
     }
 
     /// The least member of a set.
-    pub(crate) fn find(&mut self, mut of: u32) -> u32 {
+    pub fn find(&mut self, mut of: u32) -> u32 {
         while self.parent[of as usize] != of {
             let above = self.parent[self.parent[of as usize] as usize];
             self.parent[of as usize] = above;
@@ -22,13 +23,13 @@ impl Union {
     }
 
     /// Makes two sets one.
-    pub(crate) fn join(&mut self, a: u32, b: u32) {
+    pub fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.find(a), self.find(b));
         self.parent[a.max(b) as usize] = a.min(b);
     }
 
     /// The number of each member's set, counted from zero, and how many there are.
-    pub(crate) fn numbered(mut self) -> (Vec<u32>, usize) {
+    pub fn numbered(mut self) -> (Vec<u32>, usize) {
         let mut number = vec![u32::MAX; self.parent.len()];
         let mut sets = 0;
         for member in 0..self.parent.len() as u32 {
