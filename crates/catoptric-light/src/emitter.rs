@@ -190,7 +190,7 @@ const MAX_BROAD: usize = 16;
 
 /// Each receiver asks every lamp.
 const MAX_LAMPS: usize = 256;
-/// Facets of all lamps at most: each receiver asks of every one whether it faces it.
+/// Facets of all lamps but balls at most: each receiver looks for outlines among them.
 const MAX_FACETS: usize = 1 << 17;
 
 /// Texture samples along each side of a cell that find its mean radiance; half as many where cells are many.

@@ -30,47 +30,47 @@ pub struct Lamp {
     radius: f64,
     corners: Vec<DVec3>,
     facets: Facets,
-    edges: Vec<Edge>,
+    edges: Edges,
     /// What glows lies in this plane, if in one.
     plane: PlaneId,
+    /// Radius of the ball that it is to its receivers, if it is finely divided; metres.
+    round: Option<f64>,
 }
 
-/// The planes of the facets, outward normal · x = offset, coordinate by coordinate.
+/// The planes of the facets.
 #[derive(Clone, Debug, Default)]
 struct Facets {
-    normals: [Vec<f64>; 3],
-    offsets: Vec<f64>,
-    planes: Vec<PlaneId>,
+    planes: Vec<Plane>,
+    ids: Vec<PlaneId>,
+    /// Sum of the facets, m².
+    area: f64,
     /// From this one on they are openings.
     glowing: usize,
 }
 
 impl Facets {
-    fn push(&mut self, normal: DVec3, offset: f64, plane: PlaneId) {
-        for (axis, values) in self.normals.iter_mut().enumerate() {
-            values.push(normal[axis]);
-        }
-        self.offsets.push(offset);
-        self.planes.push(plane);
+    fn push(&mut self, normal: DVec3, offset: f64, id: PlaneId) {
+        self.planes.push(Plane { normal, offset });
+        self.ids.push(id);
     }
 
     fn len(&self) -> usize {
-        self.offsets.len()
+        self.planes.len()
     }
 
-    fn normal(&self, facet: usize) -> DVec3 {
-        let [x, y, z] = &self.normals;
-        DVec3::new(x[facet], y[facet], z[facet])
+    /// Radius of the ball that sends the same light, if they are one finely divided, with corners within `radius` of its centre: seen from
+    /// everywhere in turn, what is convex shows a quarter of its area (Cauchy).
+    fn radius_of_ball(&self, center: DVec3, radius: f64) -> Option<f64> {
+        let is_closed = self.glowing == self.len();
+        let cuts_in = |plane: &Plane| height(plane, center) > -(1.0 - CUTS_IN) * radius;
+        (is_closed && !self.planes.iter().any(cuts_in))
+            .then(|| (self.area / (4.0 * std::f64::consts::PI)).sqrt())
     }
+}
 
-    /// Heights of a point above all facets.
-    fn heights(&self, point: DVec3) -> impl Iterator<Item = f64> {
-        let [x, y, z] = &self.normals;
-        let normals = x.iter().zip(y).zip(z);
-        normals
-            .zip(&self.offsets)
-            .map(move |(((x, y), z), offset)| x * point.x + y * point.y + z * point.z - offset)
-    }
+/// Height of a point above a plane, metres.
+fn height(plane: &Plane, point: DVec3) -> f64 {
+    plane.normal.dot(point) - plane.offset
 }
 
 /// An edge between two facets; the first has it run from the first end to the second.
@@ -80,6 +80,98 @@ struct Edge {
     facets: [u32; 2],
 }
 
+/// An edge as one of its facets has it.
+#[derive(Clone, Copy, Debug)]
+struct HalfEdge {
+    from: u32,
+    facet: u32,
+    /// The next one around the facet.
+    next: u32,
+}
+
+/// The edges of a closed surface, as halves: those of one edge are neighbours, an even one and the odd one after it.
+#[derive(Clone, Debug, Default)]
+struct Edges {
+    halves: Vec<HalfEdge>,
+    /// Coprime to the number of edges: steps that pass through all of them, far from each other.
+    stride: usize,
+}
+
+impl Edges {
+    fn new(edges: &[Edge]) -> Self {
+        let mut after: HashMap<(u32, u32), u32> = HashMap::new();
+        let mut halves = Vec::new();
+        for &Edge { ends, facets } in edges {
+            for side in 0..2 {
+                after.insert((facets[side], ends[side]), halves.len() as u32);
+                halves.push(HalfEdge { from: ends[side], facet: facets[side], next: 0 });
+            }
+        }
+        for index in 0..halves.len() {
+            let key = (halves[index].facet, halves[index ^ 1].from);
+            // A facet's corners are gone around once each, so that every half edge has one after it.
+            halves[index].next = after.get(&key).copied().unwrap_or(index as u32);
+        }
+        let is_coprime = |stride: usize| {
+            let (mut a, mut b) = (edges.len(), stride);
+            while b != 0 {
+                (a, b) = (b, a % b);
+            }
+            a == 1
+        };
+        let golden = edges.len() * 618 / 1000;
+        let stride = (golden.max(1)..).find(|s| is_coprime(*s)).unwrap_or(1);
+        Self { halves, stride }
+    }
+
+    /// Number of edges.
+    fn len(&self) -> usize {
+        self.halves.len() / 2
+    }
+
+    /// The other half of an edge.
+    fn twin(half: u32) -> u32 {
+        half ^ 1
+    }
+
+    /// The halves whose facets are seen where the others' are not, one after the other: the first such one that is met, and on
+    /// from there. Nothing where none is, or where they do not close.
+    fn outline(&self, is_seen: impl Fn(u32) -> bool, found: &mut Vec<u32>) {
+        found.clear();
+        let facing = |half: u32| is_seen(self.halves[half as usize].facet);
+        let count = self.len();
+        let mut edge = 0;
+        let first = (0..count).find_map(|_| {
+            let half = 2 * edge as u32;
+            edge = (edge + self.stride) % count;
+            match (facing(half), facing(Self::twin(half))) {
+                (true, false) => Some(half),
+                (false, true) => Some(Self::twin(half)),
+                _ => None,
+            }
+        });
+        let Some(first) = first else { return };
+        let mut half = first;
+        loop {
+            found.push(half);
+            // Around the corner where it ends, from what is seen to what is not.
+            half = self.halves[half as usize].next;
+            let mut turns = 0;
+            while facing(Self::twin(half)) && turns < count {
+                half = self.halves[Self::twin(half) as usize].next;
+                turns += 1;
+            }
+            if half == first {
+                return;
+            }
+            if found.len() >= count || turns >= count {
+                found.clear();
+                return;
+            }
+        }
+    }
+}
+
 /// The outline of a lamp as an eye sees it, and the buffers that find it.
 #[derive(Clone, Debug, Default)]
 pub struct Outline {
@@ -87,11 +179,8 @@ pub struct Outline {
     pub corners: Vec<DVec3>,
     /// Unit normal of that plane, away from the eye.
     pub axis: DVec3,
-    /// As many as lamps may have once one was asked, so that no index has to be checked.
-    facing: Vec<bool>,
-    /// Edges between a facet that is seen and one that is not, likewise.
-    edges: Vec<u32>,
-    next: Vec<u32>,
+    /// Half edges between a facet that is seen and one that is not.
+    halves: Vec<u32>,
 }
 
 /// How an eye sees a lamp.
@@ -116,9 +205,7 @@ pub enum Beyond {
     Wholly,
 }
 
-/// Facets, or edges, at most: a convex surface of n corners has no more than 2n − 4 and 3n − 6. A power of two.
-const MOST: usize = 4096;
-/// Corners at most: each pair of a facet and a corner is tested once.
+/// Corners of what is no ball at most: each pair of a facet and a corner is tested once, and a longer outline is slower than a tree of facets.
 const MAX_CORNERS: usize = 1024;
 /// Corners of what may be flat at most.
 const MAX_FLAT_CORNERS: usize = 1 << 16;
@@ -131,6 +218,38 @@ const ROUNDING: f64 = 1.2e-6;
 const STANDS_OUT_AT_MOST: f64 = 1e-3;
 /// Cosine between the axis of sight and an outline's corner below which the projection stretches too far.
 const MIN_COS: f64 = 0.1;
+/// Share of the radius by which the facets of a ball may cut into it: spheres of 1280 triangles and up. What these show differs by 1e-3 between
+/// directions, twice this at the very most.
+const CUTS_IN: f64 = 5e-3;
+/// Corners of a ball's outline. With the circle's area, light from it is right to 3e-5 from wherever it is seen as an outline: all that
+/// 16 corners get wrong is its higher moments.
+const CIRCLE: [[f64; 2]; 16] = {
+    const A: f64 = 0.9238795325112867;
+    const B: f64 = std::f64::consts::FRAC_1_SQRT_2;
+    const C: f64 = 0.3826834323650898;
+    [
+        [1.0, 0.0],
+        [A, C],
+        [B, B],
+        [C, A],
+        [0.0, 1.0],
+        [-C, A],
+        [-B, B],
+        [-A, C],
+        [-1.0, 0.0],
+        [-A, -C],
+        [-B, -B],
+        [-C, -A],
+        [0.0, -1.0],
+        [C, -A],
+        [B, -B],
+        [A, -C],
+    ]
+};
+/// Sine of the cone around a ball above which its facets matter: from nearer than a tenth of its radius.
+const MAX_SINE: f64 = 0.9;
+/// √(π/8 ∕ sin π/8): by so much farther out than the circle are these corners, for its area.
+const STRETCH: f64 = 1.0130015562559769;
 /// Triangles at least: two of a plane are a cell, or two.
 const LEAST_TRIANGLES: u32 = 3;
 
@@ -159,26 +278,31 @@ impl Lamp {
         for id in triangles.clone().map(TriangleId) {
             shape.add(tracer, id)?;
         }
-        let first = *shape.facets.planes.first()?;
-        let is_flat = first != PlaneId::NONE && shape.facets.planes.iter().all(|p| *p == first);
+        let first = *shape.facets.ids.first()?;
+        let is_flat = first != PlaneId::NONE && shape.facets.ids.iter().all(|p| *p == first);
         shape.close()?;
         if is_flat {
             shape.keep_border()?;
         }
-        let Shape { corners, facets, edges, .. } = shape;
-        if corners.len() > MAX_CORNERS || facets.len().max(edges.len()) >= MOST {
+        let Shape { corners, mut facets, edges, .. } = shape;
+        // One closed surface, not several.
+        if corners.len() + facets.len() != edges.len() + 2 {
             return None;
         }
         let center = corners.iter().sum::<DVec3>() / corners.len() as f64;
         let radius = corners.iter().map(|c| (*c - center).length()).fold(0.0, f64::max);
         let rounding = ROUNDING * center.abs().max_element();
         let slack = rounding.clamp(STANDS_OUT * radius, STANDS_OUT_AT_MOST * radius);
-        // One closed surface, not several, all of whose corners lie behind every facet.
-        let stands_out = |corner: &DVec3| facets.heights(*corner).any(|height| height > slack);
-        let is_whole = corners.len() + facets.len() == edges.len() + 2;
-        let is_convex = is_whole && !corners.iter().any(stands_out);
+        let round = facets.radius_of_ball(center, radius);
+        // Of what is convex, all corners lie behind every facet.
+        let stands_out = |corner: &DVec3| facets.planes.iter().any(|facet| height(facet, *corner) > slack);
+        let is_convex = round.is_some() || corners.len() <= MAX_CORNERS && !corners.iter().any(stands_out);
         let plane = if is_flat { first } else { PlaneId::NONE };
-        let lamp = Self { radiance, triangles, cells: 0..0, center, radius, corners, facets, edges, plane };
+        let edges = Edges::new(&edges);
+        facets.ids.sort_unstable();
+        facets.ids.dedup();
+        let lamp =
+            Self { radiance, triangles, cells: 0..0, center, radius, corners, facets, edges, plane, round };
         is_convex.then_some(lamp)
     }
 
@@ -187,9 +311,9 @@ impl Lamp {
         (self.plane != PlaneId::NONE).then_some(self.plane)
     }
 
-    /// Number of its facets.
+    /// Facets among which its outline is looked for; none of a ball.
     pub fn facet_count(&self) -> usize {
-        self.facets.len()
+        if self.round.is_some() { 0 } else { self.facets.len() }
     }
 
     /// Whether any of it may be seen through the windows.
@@ -219,6 +343,43 @@ impl Lamp {
         (self.center, self.radius)
     }
 
+    /// [`Lamp::outline`] for a receiver of its light, to whom a finely divided ball is round: an outline of few corners that sends as much.
+    pub fn outline_of_light(
+        &self,
+        eye: DVec3,
+        geometric: DVec3,
+        hidden: PlaneId,
+        outline: &mut Outline,
+    ) -> Sight {
+        let Some(radius) = self.round else { return self.outline(eye, geometric, hidden, outline) };
+        outline.corners.clear();
+        let offset = self.center - eye;
+        let distance = offset.length();
+        if geometric.dot(offset) + self.radius <= 0.0 || distance <= self.radius {
+            return Sight::Hidden;
+        }
+        // Sine and cosine of the cone that touches the ball.
+        let sine = radius / distance;
+        if sine > MAX_SINE {
+            return self.outline(eye, geometric, hidden, outline);
+        }
+        if self.is_in(hidden) {
+            return Sight::Facets;
+        }
+        let cosine = (1.0 - sine * sine).sqrt();
+        let axis = offset / distance;
+        let (right, up) = axis.any_orthonormal_pair();
+        let (center, reach) = (eye + offset * (cosine * cosine), radius * cosine * STRETCH);
+        outline.axis = axis;
+        outline.corners.extend(CIRCLE.iter().map(|[x, y]| center + (right * *x - up * *y) * reach));
+        Sight::Outline
+    }
+
+    /// Whether any of its facets lies in the plane.
+    fn is_in(&self, plane: PlaneId) -> bool {
+        plane != PlaneId::NONE && self.facets.ids.binary_search(&plane).is_ok()
+    }
+
     /// Finds the outline from `eye`, above the horizon of its unit normal `geometric` at least in part. What faces the eye
     /// and lies in the plane `hidden` is not seen at all, and nothing of the lamp is then an outline.
     pub fn outline(&self, eye: DVec3, geometric: DVec3, hidden: PlaneId, outline: &mut Outline) -> Sight {
@@ -229,69 +390,38 @@ impl Lamp {
         }
         let Some(axis) = offset.try_normalize() else { return Sight::Hidden };
         outline.axis = axis;
-        outline.facing.resize(MOST, false);
-        outline.edges.resize(MOST, 0);
-        let (Some((facing, _)), Some((edges, _))) =
-            (outline.facing.split_first_chunk_mut::<MOST>(), outline.edges.split_first_chunk_mut::<MOST>())
-        else {
-            return Sight::Hidden;
-        };
-        for (facing, height) in facing.iter_mut().zip(self.facets.heights(eye)) {
-            *facing = height > 0.0;
-        }
+        let is_seen = |facet: u32| height(&self.facets.planes[facet as usize], eye) > 0.0;
         if let Some(plane) = self.plane() {
-            if plane == hidden || !facing[0] {
+            if plane == hidden || !is_seen(0) {
                 return Sight::Hidden;
             }
-            outline.axis = -self.facets.normal(0);
+            outline.axis = -self.facets.planes[0].normal;
             outline.corners.extend(&self.corners);
             return Sight::Outline;
         }
-        let faces_opening = facing[self.facets.glowing..self.facets.len()].contains(&true);
-        if faces_opening || hidden != PlaneId::NONE && self.facets.planes.contains(&hidden) {
+        let openings = self.facets.glowing as u32..self.facets.len() as u32;
+        if openings.into_iter().any(is_seen) || self.is_in(hidden) {
             return Sight::Facets;
         }
-        // Each edge between a facet that is seen and one that is not, in the sense of the one that is.
-        outline.next.clear();
-        outline.next.resize(self.corners.len(), u32::MAX);
-        // Few are: found without a branch for each.
-        let mut count = 0;
-        for (edge, index) in self.edges.iter().zip(0..) {
-            let [a, b] = edge.facets.map(|f| facing[f as usize % MOST]);
-            edges[count % MOST] = index;
-            count += usize::from(a != b);
-        }
-        let mut first = u32::MAX;
-        for &index in &edges[..count] {
-            let edge = &self.edges[index as usize];
-            let seen = facing[edge.facets[0] as usize % MOST];
-            let [from, to] = if seen { edge.ends } else { [edge.ends[1], edge.ends[0]] };
-            // Where rounding makes the outline touch itself, there is no one outline.
-            if outline.next[from as usize] != u32::MAX {
-                return Sight::Facets;
-            }
-            outline.next[from as usize] = to;
-            first = first.min(from);
-        }
-        if count == 0 {
-            return Sight::Hidden;
-        }
+        self.edges.outline(is_seen, &mut outline.halves);
+        let corner_of = |half: &u32| self.edges.halves[*half as usize].from;
+        // From its first corner on: what it is does not depend on where it was found.
+        let first = (0..outline.halves.len()).min_by_key(|i| corner_of(&outline.halves[*i]));
+        let Some(first) = first else { return Sight::Hidden };
+        outline.halves.rotate_left(first);
         let mut depth = 0.0_f64;
-        let mut corner = first;
-        for _ in 0..count {
-            let sight = self.corners[corner as usize] - eye;
+        for half in &outline.halves {
+            let sight = self.corners[corner_of(half) as usize] - eye;
             let along = axis.dot(sight);
             if along < MIN_COS * sight.length() {
                 return Sight::Facets;
             }
             depth = depth.max(along);
             outline.corners.push(sight / along);
-            corner = outline.next[corner as usize];
-            if corner == u32::MAX {
-                return Sight::Facets;
-            }
         }
-        if corner != first || count < 3 {
+        // Where rounding has it that a few facets are seen over the true outline, theirs may have been found.
+        let ahead = outline.corners.iter().cycle().skip(1);
+        if outline.corners.iter().zip(ahead).any(|(a, b)| a.cross(*b).dot(axis) >= 0.0) {
             return Sight::Facets;
         }
         for corner in &mut outline.corners {
@@ -332,6 +462,7 @@ impl Shape {
         let [a, b, c] = corners.map(|c| c.as_dvec3());
         let normal = (b - a).cross(c - a).try_normalize()?;
         let facet = self.facets.len() as u32;
+        self.facets.area += 0.5 * (b - a).cross(c - a).length();
         self.facets.push(normal, normal.dot(a), tracer.planes().of(id));
         for (from, to) in [(ids[0], ids[1]), (ids[1], ids[2]), (ids[2], ids[0])] {
             if let Some(other) = self.open.remove(&(to, from)) {
@@ -384,7 +515,7 @@ impl Shape {
         if !is_disc || facets.len() != glowing + 1 {
             return None;
         }
-        let normal = facets.normal(0);
+        let normal = facets.planes[0].normal;
         let border = self.edges.iter().filter(|e| e.facets[1] as usize == glowing);
         // As they were added: one after the other.
         let around: Vec<DVec3> = border.map(|e| self.corners[e.ends[0] as usize]).collect();
@@ -406,9 +537,10 @@ impl Shape {
             return None;
         }
         let mut flat = Facets::default();
-        flat.push(normal, facets.offsets[0], facets.planes[0]);
+        let offset = facets.planes[0].offset;
+        flat.push(normal, offset, facets.ids[0]);
         flat.glowing = 1;
-        flat.push(-normal, -facets.offsets[0], PlaneId::NONE);
+        flat.push(-normal, -offset, PlaneId::NONE);
         self.edges = (0..count).map(|i| Edge { ends: [i, (i + 1) % count], facets: [0, 1] }).collect();
         (self.corners, self.facets) = (corners, flat);
         Some(())

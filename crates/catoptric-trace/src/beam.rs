@@ -218,6 +218,9 @@ impl Pyramid {
             let again = lane > 0 && packet.ids[lane] == packet.ids[0];
             lanes |= u32::from(!own && !again) << lane;
         }
+        if lanes == 0 {
+            return 0;
+        }
         let [a, b, c] = &packet.corners;
         for axis in 0..3 {
             let low = a[axis].min(b[axis]).min(c[axis]);
@@ -361,7 +364,11 @@ impl Tree {
             while bits != 0 {
                 let slot = bits.trailing_zeros() as usize;
                 bits &= bits - 1;
-                stack.push(node.children[slot]);
+                let (least, greatest) = self.spans[current as usize][slot];
+                let is_own = pyramid.skip.contains(&least) && pyramid.skip.contains(&greatest);
+                if !is_own {
+                    stack.push(node.children[slot]);
+                }
             }
         }
         Some(())

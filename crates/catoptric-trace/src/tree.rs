@@ -47,6 +47,8 @@ pub(crate) fn leaf(child: u32) -> std::ops::Range<usize> {
 pub(crate) struct Tree {
     pub(crate) nodes: Vec<Node>,
     pub(crate) packets: Vec<Packet>,
+    /// Least and greatest id of the triangles below each child of a node.
+    pub(crate) spans: Vec<[(u32, u32); WIDTH]>,
     /// What the boxes are larger than their triangles, metres.
     pub(crate) padding: f32,
     pub(crate) level: Level,
@@ -103,8 +105,27 @@ impl Tree {
         let mut tree = Self { padding: boxes.padding, level: Level::detect(), ..Self::default() };
         if !facets.is_empty() {
             tree.collapse(&boxes.binary, facets);
+            tree.find_spans();
         }
         tree
+    }
+
+    fn find_spans(&mut self) {
+        const NOTHING: (u32, u32) = (u32::MAX, 0);
+        let join = |a: (u32, u32), b: (u32, u32)| (a.0.min(b.0), a.1.max(b.1));
+        self.spans = vec![[NOTHING; WIDTH]; self.nodes.len()];
+        // Children come after their parents.
+        for index in (0..self.nodes.len()).rev() {
+            let node = &self.nodes[index];
+            self.spans[index] = std::array::from_fn(|slot| match node.children[slot] {
+                _ if node.bounds[0].0[slot] == f32::INFINITY => NOTHING,
+                child if child & LEAF != 0 => {
+                    let packets = &self.packets[leaf(child)];
+                    packets.iter().flat_map(|p| p.ids).map(|id| (id, id)).fold(NOTHING, join)
+                }
+                child => self.spans[child as usize].into_iter().fold(NOTHING, join),
+            });
+        }
     }
 
     /// Adds flags to some triangles.

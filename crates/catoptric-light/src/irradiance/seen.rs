@@ -177,7 +177,7 @@ impl Lights<'_> {
             let sight = match lamp.beyond(image.beyond) {
                 Beyond::No => Sight::Hidden,
                 Beyond::Partly => Sight::Facets,
-                Beyond::Wholly => lamp.outline(image.position, image.geometric, image.last, outline),
+                Beyond::Wholly => lamp.outline_of_light(image.position, image.geometric, image.last, outline),
             };
             match sight {
                 Sight::Hidden => {}
