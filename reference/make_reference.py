@@ -599,6 +599,10 @@ def path_sums(scene, width, seconds, state, settings):
     if file and os.path.exists(file):
         sums.load(file, scene['sha256'])
     pixels = tracer.pixels()
+    if not len(pixels):     # light tracing sees all there is
+        for _ in range(2):
+            sums.add(np.zeros((w * h, 1, 6)), BATCH, 0.0)
+        return sums
     batches = max(1, 2 ** 21 // (len(pixels) * BATCH))
     end = time.time() + seconds
     while time.time() < end or sums.n < 2:
