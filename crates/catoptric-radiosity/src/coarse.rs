@@ -61,6 +61,8 @@ pub struct CoarseSolution {
     pub stop: Stop,
     /// The way there, if it was asked for.
     pub frames: Vec<Frame>,
+    /// Closed spaces that reflect all of their light, where the default solver finds any.
+    pub endless: usize,
 }
 
 /// Frames at most: what they hold would otherwise grow with the steps without bound.
@@ -231,14 +233,14 @@ fn by_two_pass(
         false => rows.iter().map(|r| r.found + r.gather(|p| params.warm[p.0 as usize])).collect(),
     };
     let mut frames = Vec::new();
-    let PatchSolution { indirect, sweeps, residual } =
+    let PatchSolution { indirect, sweeps, residual, endless } =
         solve_patches(patches, rows, sources, &start, &limits, &mut |steps, sent| {
             if params.every > 0 && steps % params.every == 0 && frames.len() < MAX_FRAMES {
                 frames.push(Frame { steps, radiosity: sent.to_vec(), ambient: Rgb::ZERO });
             }
         });
     let stop = if residual < limits.tolerance { Stop::Residual } else { Stop::Steps };
-    CoarseSolution { indirect, steps: sweeps, rows: sweeps * rows.len(), residual, stop, frames }
+    CoarseSolution { indirect, steps: sweeps, rows: sweeps * rows.len(), residual, stop, frames, endless }
 }
 
 /// What a channel's solve leaves.
@@ -300,6 +302,7 @@ fn by_channel(
         residual: solutions().map(|s| s.residual).fold(0.0, f64::max),
         stop: solutions().map(|s| s.stop).max_by_key(|s| worst(*s)).unwrap_or(Stop::Exact),
         frames,
+        endless: 0,
     }
 }
 

@@ -57,6 +57,16 @@ impl Row {
         }
     }
 
+    /// Calls `visit` with each patch and its F_ij.
+    pub fn visit(&self, mut visit: impl FnMut(PatchId, Rgb)) {
+        match &self.weights {
+            Weights::Gray(weights) => {
+                self.patches.iter().zip(weights).for_each(|(&p, &w)| visit(p, Rgb::splat(w)));
+            }
+            Weights::Tinted(weights) => self.patches.iter().zip(weights).for_each(|(&p, &w)| visit(p, w)),
+        }
+    }
+
     /// Σ_j F_ij.
     pub fn sum(&self) -> Rgb {
         self.gather(|_| Rgb::ONE)

@@ -224,6 +224,12 @@ const MAX_BUDGETS: usize = 4;
 /// Groups that share, per base triangle of the budget, at most.
 const SHARED_PER_TRIANGLE: usize = 14;
 
+/// Whether there is no light at all.
+fn is_dark(lights: &Lights) -> bool {
+    let scene = lights.tracer().scene();
+    lights.emitters().triangle_count() == 0 && scene.sky().is_none() && scene.lights().is_empty()
+}
+
 /// Solves the light of a scene.
 pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> Result<Solved, SolveError> {
     let mut report = SolveReport::default();
@@ -257,6 +263,21 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     report.lenses = lights.lenses().len();
     let set = params.coarse.method.map(|_| ElementSet::patches(tracer, &draft, &patches));
     progress.advance(1);
+    if is_dark(&lights) && params.coarse.every == 0 {
+        // Nothing to look for, and to refine the mesh for.
+        report.stop = Some(Stop::Exact);
+        report
+            .notes
+            .push("nothing gives light (no emission, punctual light or sky): pictures are black".into());
+        let (sources, none) =
+            (vec![SourceLight::default(); draft.vertices.len()], vec![Rgb::ZERO; patches.len()]);
+        let Displayed { mesh, origin, .. } = base;
+        let solution = assemble((mesh, &origin), &draft, &sources, &[], &patches, &none, &none);
+        report.faces = solution.mesh.faces.len();
+        report.elements = solution.mesh.elements.len();
+        report.vertices = solution.mesh.vertices.len();
+        return Ok(Solved { solution, report, frames: None });
+    }
 
     // Finer where other surfaces are near: that is the mesh of the gathers.
     let near = Near::new(tracer, &draft, &base, spacing, params.seed);
@@ -332,13 +353,23 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     }
     let coarse = &params.coarse;
     let solution = solve_coarse(tracer, &patches, &rows, &sent, &params.solver, coarse, progress)?;
-    let CoarseSolution { indirect, steps, rows: solver_rows, residual, stop, frames } = solution;
+    let CoarseSolution { indirect, steps, rows: solver_rows, residual, stop, frames, endless } = solution;
     report.iterations = steps;
     report.solver_rows = solver_rows;
     report.residual = residual;
     report.stop = Some(stop);
     if frames.len() == MAX_FRAMES {
         report.notes.push(format!("only the first {MAX_FRAMES} frames of the solver were kept"));
+    }
+    if endless > 0 {
+        let spaces = if endless == 1 {
+            "1 closed space reflects".into()
+        } else {
+            format!("{endless} closed spaces reflect")
+        };
+        report
+            .notes
+            .push(format!("{spaces} all light (reflectance 1): it was cut off after {steps} reflections"));
     }
     report.row_ledger = mean_ledger(&patches, &rows);
 

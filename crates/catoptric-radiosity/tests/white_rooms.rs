@@ -106,3 +106,67 @@ fn closed_spaces_stay_dark_however_white_they_are() {
     assert!(outside > 1e-3, "{outside}");
     assert!(inside < 0.01 * outside, "{inside} inside, {outside} outside");
 }
+
+/// A closed room of side 2 whose walls all glow with 1 − ρ, so that all radiances are 1 W/(m²·sr).
+fn furnace(reflectance: Rgb) -> Scene {
+    let mut parts = SceneParts::default();
+    let own = (Rgb::ONE - reflectance).max(Rgb::splat(1e-3));
+    let glowing = Material { emission: Radiance(own), ..Material::lambertian("wall", reflectance) };
+    let wall = parts.add_material(glowing);
+    parts.add_box("room", wall, Vec3::NEG_ONE, Vec3::ONE, true);
+    Scene::new(parts).expect("the scene is valid")
+}
+
+/// A thousand reflections: what is the same everywhere is balanced at once. An error that the sweeps leave is at most a thousand times
+/// the tolerance of 1e-5 of what is sent first, which is a thousandth of the whole; form factors of f32 sum to one to 2e-7, a thousand times that.
+#[test]
+fn nearly_white_furnaces_are_solved_in_few_sweeps() {
+    for reflectance in [0.9, 0.99, 0.999] {
+        let scene = furnace(Rgb::splat(reflectance));
+        let tracer = Tracer::new(&scene);
+        let params = SolveParams::for_quality(Quality::Draft);
+        let solved = solve(&tracer, &params, &Silent).expect("not cancelled");
+        let (arrives, area) = arriving(&solved.solution, Side::Front, |_| true);
+        let mean = arrives / area / std::f64::consts::PI;
+        assert!((mean - 1.0).abs() < 3e-4, "{mean} with {reflectance}");
+        assert!(solved.report.iterations < 60, "{} sweeps with {reflectance}", solved.report.iterations);
+        assert!(solved.report.notes.is_empty(), "{:?}", solved.report.notes);
+    }
+}
+
+/// In red nothing is lost, and there is no solution: a note says so, and the other channels are what they are.
+#[test]
+fn light_without_end_is_cut_off_and_told() {
+    let scene = furnace(Rgb::new(1.0, 0.5, 0.99));
+    let tracer = Tracer::new(&scene);
+    let params = SolveParams::for_quality(Quality::Draft);
+    let solved = solve(&tracer, &params, &Silent).expect("not cancelled");
+    let mesh = &solved.solution.mesh;
+    let sum = |vertex: usize| -> Rgb {
+        Term::ALL.iter().map(|t| solved.solution.irradiance[t.index()][vertex]).sum()
+    };
+    for vertex in 0..mesh.vertices.len() {
+        let light = sum(vertex) / std::f32::consts::PI;
+        assert!((light.y - 1.0).abs() < 1e-3 && (light.z - 1.0).abs() < 1e-3, "{light}");
+        assert!(light.x.is_finite() && light.x > 0.02, "{light}");
+    }
+    assert!(solved.report.iterations < 60, "{} sweeps", solved.report.iterations);
+    let notes = &solved.report.notes;
+    assert!(notes.len() == 1 && notes[0].contains("1 closed space"), "{notes:?}");
+}
+
+/// Without a lamp nothing is looked for.
+#[test]
+fn without_light_it_is_dark_at_once() {
+    let mut parts = SceneParts::default();
+    let wall = parts.add_material(Material::lambertian("wall", Rgb::ONE));
+    parts.add_box("room", wall, Vec3::NEG_ONE, Vec3::ONE, true);
+    let scene = Scene::new(parts).expect("the scene is valid");
+    let tracer = Tracer::new(&scene);
+    let params = SolveParams::for_quality(Quality::Standard);
+    let solved = solve(&tracer, &params, &Silent).expect("not cancelled");
+    let (arrives, area) = arriving(&solved.solution, Side::Front, |_| true);
+    assert!(arrives == 0.0 && (area - 24.0).abs() < 1e-3, "{arrives} W on {area} m²");
+    assert!(solved.report.rays.iter().all(|(_, count)| *count == 0), "{:?}", solved.report.rays);
+    assert!(solved.report.notes[0].starts_with("nothing gives light"), "{:?}", solved.report.notes);
+}

@@ -36,6 +36,9 @@ pub(crate) fn solved(reporter: &Reporter, report: &SolveReport) {
     for note in &report.notes {
         reporter.say(&format!("note: {note}"));
     }
+    if report.rays.is_empty() {
+        reporter.say("      a sky is light: --sky 1,1,1");
+    }
 }
 
 /// What was written, and how long everything took.
