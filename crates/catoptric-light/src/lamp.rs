@@ -326,13 +326,13 @@ impl Lamp {
         (self.center - point).length() - self.radius
     }
 
-    /// How much of it lies where n·x ≥ offset.
-    pub fn beyond(&self, plane: Option<Plane>) -> Beyond {
-        let height = plane.map_or(f64::INFINITY, |p| p.normal.dot(self.center) - p.offset);
-        if height >= self.radius {
-            Beyond::Wholly
-        } else if height <= -self.radius {
+    /// How much of what `eye` sees of it through the windows lies where n·x ≥ offset, the last mirror's plane.
+    pub fn beyond(&self, plane: Option<Plane>, eye: DVec3, windows: &Windows) -> Beyond {
+        let Some(plane) = plane else { return Beyond::Wholly };
+        if plane.normal.dot(self.center) - plane.offset <= -self.radius {
             Beyond::No
+        } else if windows.show_beyond(eye, self.center, self.radius, &plane) {
+            Beyond::Wholly
         } else {
             Beyond::Partly
         }

@@ -174,7 +174,7 @@ impl Lights<'_> {
             if !lamp.may_be_seen(image.position, windows) {
                 continue;
             }
-            let sight = match lamp.beyond(image.beyond) {
+            let sight = match lamp.beyond(image.beyond, image.position, windows) {
                 Beyond::No => Sight::Hidden,
                 Beyond::Partly => Sight::Facets,
                 Beyond::Wholly => lamp.outline_of_light(image.position, image.geometric, image.last, outline),

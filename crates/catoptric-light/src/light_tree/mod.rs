@@ -262,7 +262,7 @@ impl LightTree {
         }
         let distance = offset.length();
         let few = self.nodes.len() <= 2 * FEW;
-        let whole = height > radius && view.has_beyond(node.center, radius);
+        let whole = height > radius && view.shows_beyond(node.center, radius);
         let small = radius < GROUP_RATIO * distance && whole && !few && !node.is_lobed();
         let Some(children) = children else {
             return Look::Part(if small { Part::Group(index) } else { Part::Cell(node.first()) });

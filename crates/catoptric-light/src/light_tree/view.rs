@@ -43,6 +43,21 @@ impl Windows {
     pub fn may_show(&self, offset: DVec3, radius: f64) -> bool {
         self.is_empty() || self.iter().any(|window| window.iter().all(|n| n.dot(offset) > -radius))
     }
+
+    /// Whether all that `eye` sees of a ball through them lies where n·x > offset, the last mirror's plane: its lines of sight cross that in
+    /// the windows alone, so that nothing is hidden as long as they do not meet what of the ball is behind it.
+    pub fn show_beyond(&self, eye: DVec3, center: DVec3, radius: f64, plane: &Plane) -> bool {
+        let height = plane.normal.dot(center) - plane.offset;
+        if height >= radius {
+            return true;
+        }
+        // A ball around the cap behind the plane.
+        let (middle, reach) = match height {
+            0.0.. => (center - plane.normal * height, (radius * radius - height * height).sqrt()),
+            _ => (center, radius),
+        };
+        !self.is_empty() && !self.may_show(middle - eye, reach)
+    }
 }
 
 /// Where light arrives.
@@ -72,8 +87,8 @@ impl View<'_> {
             && self.windows.may_show(center - self.point, radius)
     }
 
-    /// Whether all of a ball lies beyond the plane.
-    pub(super) fn has_beyond(&self, center: DVec3, radius: f64) -> bool {
-        self.beyond.is_none_or(|p| p.normal.dot(center) - p.offset > radius)
+    /// Whether all that is seen of a ball lies beyond the plane.
+    pub(super) fn shows_beyond(&self, center: DVec3, radius: f64) -> bool {
+        self.beyond.is_none_or(|plane| self.windows.show_beyond(self.point, center, radius, &plane))
     }
 }
