@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use catoptric_scene::{AlphaMode, Barycentric, PunctualLight, Rgb, Side, TriangleId};
 use catoptric_trace::chain::{Event, MAX_PLANAR};
@@ -60,9 +60,11 @@ pub struct ImageChain {
     pub planes: Vec<PlaneId>,
     /// Indices into [`ImageChains::reflectors`].
     pub(crate) reflectors: Vec<usize>,
-    /// Windows in unfolded space: each a choice of one piece per mirror, seen from the light. None where there are too
-    /// many or pieces overlap: following the chain decides.
+    /// Windows in unfolded space: each a choice of one piece per mirror, seen from the light. Where there are too many or pieces overlap,
+    /// one of rectangles around all pieces of each mirror.
     pub(crate) windows: Vec<Vec<Polygon>>,
+    /// The windows are mirrors; not so rectangles around them, where following the chain decides.
+    exact: bool,
     /// The equations of [`ImageChain::planes`].
     equations: Vec<Plane>,
     /// Each mirror reflects alike all over its windows.
@@ -179,7 +181,7 @@ impl ImageChains {
         let mut facets: Vec<PlaneId> = found[large..].iter().flat_map(|c| c.planes.iter().copied()).collect();
         facets.sort_unstable();
         for chain in &mut found {
-            chain.windows = windows(&reflectors, &chain.reflectors);
+            chain.find_windows(&reflectors);
         }
         let mut listed: Vec<Vec<PlaneId>> = found[..large].iter().map(|c| c.planes.clone()).collect();
         listed.sort_unstable();
@@ -358,29 +360,19 @@ fn share_within(polygon: &Polygon, other: &Polygon) -> f64 {
     inside.vector_area().length() / polygon.vector_area().length().max(f64::MIN_POSITIVE)
 }
 
-/// The windows of a chain in unfolded space: every combination of one piece per mirror, if there are few.
-fn windows(reflectors: &[Reflector], chain: &[usize]) -> Vec<Vec<Polygon>> {
-    let counts: Vec<usize> = chain.iter().map(|&r| reflectors[r].apertures.len()).collect();
-    let combinations: usize = counts.iter().product();
-    if combinations > MAX_WINDOWS {
-        return Vec::new();
-    }
-    let window = |mut combination: usize| {
-        let outline = |(level, &index): (usize, &usize)| {
-            let choice = combination % counts[level];
-            combination /= counts[level];
-            let mut corners: Vec<DVec3> = reflectors[index].apertures[choice].outline.corners().to_vec();
-            // Seen from the light: reflected at every later mirror.
-            for &later in &chain[level + 1..] {
-                for corner in &mut corners {
-                    *corner = reflectors[later].plane.reflect_point(*corner);
-                }
-            }
-            Polygon::new(&corners)
-        };
-        chain.iter().enumerate().map(outline).collect()
-    };
-    (0..combinations).map(window).collect()
+/// A rectangle around pieces of a plane.
+fn frame(pieces: &[Aperture], normal: DVec3) -> Polygon {
+    let corners = || pieces.iter().flat_map(|p| p.outline.corners());
+    let first: &[DVec3] = pieces.first().map_or(&[], |p| p.outline.corners());
+    let origin = first.first().copied().unwrap_or(DVec3::ZERO);
+    let right = first.get(1).map_or(DVec3::ZERO, |c| *c - origin);
+    let right = right.reject_from(normal).try_normalize().unwrap_or(normal.any_orthonormal_vector());
+    let up = normal.cross(right);
+    let at = |c: &DVec3| DVec2::new(right.dot(*c - origin), up.dot(*c - origin));
+    let low = corners().map(at).fold(DVec2::INFINITY, DVec2::min);
+    let high = corners().map(at).fold(DVec2::NEG_INFINITY, DVec2::max);
+    let [a, b, c, d] = [(low.x, low.y), (high.x, low.y), (high.x, high.y), (low.x, high.y)];
+    Polygon::new(&[a, b, c, d].map(|(x, y)| origin + right * x + up * y))
 }
 
 /// A receiver's place in the unfolded space of a chain, where the light is where it really is and the path is straight.
@@ -479,11 +471,43 @@ impl ImageChain {
             planes: chain.iter().map(|&r| reflectors[r].id).collect(),
             reflectors: chain.to_vec(),
             windows: Vec::new(),
+            exact: false,
             equations: chain.iter().map(|&r| reflectors[r].plane).collect(),
             even: chain.iter().all(|&r| reflectors[r].even),
             strength: chain.iter().map(|&r| reflectors[r].strength).product(),
             reach: None,
         }
+    }
+
+    /// Finds the windows: every combination of one piece per mirror, if there are few.
+    fn find_windows(&mut self, reflectors: &[Reflector]) {
+        let counts: Vec<usize> = self.reflectors.iter().map(|&r| reflectors[r].apertures.len()).collect();
+        let combinations: usize = counts.iter().product();
+        self.exact = (1..=MAX_WINDOWS).contains(&combinations);
+        let later = |level: usize| &self.reflectors[level + 1..];
+        // Seen from the light: reflected at every later mirror.
+        let seen = |outline: &Polygon, level: usize| {
+            let mut corners = outline.corners().to_vec();
+            for &later in later(level) {
+                for corner in &mut corners {
+                    *corner = reflectors[later].plane.reflect_point(*corner);
+                }
+            }
+            Polygon::new(&corners)
+        };
+        let window = |mut combination: usize| {
+            let outline = |(level, &index): (usize, &usize)| {
+                let Reflector { apertures, pieces, plane, .. } = &reflectors[index];
+                if !self.exact {
+                    return seen(&frame(pieces, plane.normal), level);
+                }
+                let choice = combination % counts[level];
+                combination /= counts[level];
+                seen(&apertures[choice].outline, level)
+            };
+            self.reflectors.iter().enumerate().map(outline).collect()
+        };
+        self.windows = (0..if self.exact { combinations } else { 1 }).map(window).collect();
     }
 
     /// Whether light of area sources may arrive somewhere.
@@ -500,7 +524,7 @@ impl ImageChain {
 
     /// The mirrors from the one at `level` on, if light that is seen through the windows is certain to be reflected by them.
     pub(crate) fn mirrors_from(&self, level: usize) -> Option<(&[Plane], PlaneId)> {
-        (self.even && !self.windows.is_empty()).then(|| (&self.equations[level..], self.planes[level]))
+        (self.even && self.exact).then(|| (&self.equations[level..], self.planes[level]))
     }
 
     /// Whether it is that of a small mirror.

@@ -8,10 +8,9 @@ use catoptric_light::{LightParams, Lights, Receiver, contour};
 use catoptric_scene::{
     AlphaMode, Barycentric, Material, MaterialId, Radiance, Rgb, Scene, SceneParts, Side, TriangleId,
 };
-use catoptric_trace::PlaneId;
-use catoptric_trace::Tracer;
 use catoptric_trace::beam::{Base, End, Pyramid, Suspects};
-use catoptric_trace::sequence::{Key, Purpose};
+use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame};
+use catoptric_trace::{PlaneId, Ray, Tracer};
 use glam::{DVec3, Vec2, Vec3, Vec3Swizzles};
 
 fn glowing(parts: &mut SceneParts) -> MaterialId {
@@ -587,4 +586,74 @@ fn halves_of_the_samples_tell_their_noise() {
     // What is wholly seen has no noise.
     let free = Receiver { position: Vec3::new(-3.0, 0.0, 0.0), ..receiver };
     assert_eq!(lights.direct(&free, 32, Key::new(0, Purpose::Test, 0), &mut scratch).split, Rgb::ZERO);
+}
+
+/// Mirrors in panels, and a ball before them or that their plane cuts, above them or in one of them: light over the panels is what rays of the hemisphere
+/// find over them, be they few, each with a window of its own, or so many that one frame is around all and following finds the gaps.
+/// Within four standard errors of both as if all samples were independent (stratified ones are better), in the sum and in the mean square; for where
+/// few rays of the hemisphere find the lamp, with a ten-thousandth of what fills it added: one and a half rays.
+#[test]
+fn panels_of_a_mirror_show_the_lamp_that_their_plane_cuts() {
+    const RAYS: u32 = 16_384;
+    const SAMPLES: u32 = 256;
+    const RECEIVERS: u32 = 100;
+    let places = [[1.4, 0.4], [0.3, 0.8], [0.3, 0.3], [-0.1, 0.8], [-0.1, 0.3]];
+    for ([x, y], count) in places.into_iter().flat_map(|place| [(place, 2), (place, 3)]) {
+        let mut parts = SceneParts::default();
+        let (material, wall) = (glowing(&mut parts), white(&mut parts));
+        let silver = parts.add_material(Material::mirror("silver", Rgb::ONE));
+        parts.add_sphere("ball", material, Vec3::new(x, y, 0.1), 0.4, 10);
+        for (row, column) in (0..count * count).map(|index| (index / count, index % count)) {
+            let corner = Vec3::new(0.0, -0.3 - 0.7 * row as f32, -1.0 + 0.65 * column as f32);
+            parts.add_quad("panel", silver, corner, Vec3::Y * 0.6, Vec3::Z * 0.5);
+        }
+        parts.add_quad("scrap", wall, Vec3::Y * -50.0, Vec3::Z, Vec3::X);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let ball = scene.surfaces()[0].triangles.clone();
+        let tracer = Tracer::new(&scene);
+        let lights = Lights::new(&tracer, LightParams::default());
+        let (mut scratch, key) = (Scratch::default(), Key::new(2, Purpose::Test, 0));
+        let [mut sum, mut errors, mut variances, mut squares] = [0.0; 4];
+        for index in 0..RECEIVERS {
+            let position = point(key, index) * Vec3::new(0.35, 1.0, 1.0) + Vec3::new(0.65, -2.0, 0.0);
+            let normal = (point(key.child(7), index) + Vec3::new(-0.5, 1.0, 0.0)).normalize_or(Vec3::Y);
+            let at = receiver(&tracer, position, normal);
+            let (right, up) = frame(normal);
+            let directions = key.child(8).child(index);
+            let finds = |ray: &u32| {
+                let local = cosine_hemisphere(directions.point2(*ray));
+                let direction = right * local.x + up * local.y + normal * local.z;
+                let Some(first) = tracer.nearest(&Ray::free(position, direction), f32::INFINITY) else {
+                    return false;
+                };
+                let met = position + direction * first.t;
+                let reflected = direction * Vec3::new(-1.0, 1.0, 1.0);
+                let again =
+                    Ray { origin: met, direction: reflected, from: tracer.planes().of(first.triangle) };
+                !ball.contains(&first.triangle.0)
+                    && tracer
+                        .nearest(&again, f32::INFINITY)
+                        .is_some_and(|hit| ball.contains(&hit.triangle.0) && !hit.back)
+            };
+            let share = (0..RAYS).filter(finds).count() as f64 / f64::from(RAYS);
+            let found = lights.mirrored(&at, SAMPLES, Rgb::ZERO, key.child(index), &mut scratch);
+            let unit = 3.0 * std::f64::consts::PI;
+            let (light, whole) = (f64::from(found.irradiance.x), f64::from(found.unoccluded.x));
+            let variance = unit * unit * share * (1.0 - share) / f64::from(RAYS)
+                + light * (whole - light).max(0.0) / f64::from(SAMPLES)
+                + (1e-4 * unit).powi(2);
+            sum += light;
+            errors += light - unit * share;
+            variances += variance;
+            squares += (light - unit * share).powi(2) / variance;
+        }
+        let error = errors.abs() / variances.sqrt();
+        assert!(sum > 1.0, "{sum} arrives at all of them");
+        assert!(error < 4.0, "{count} × {count}, {x} {y}: {error} standard errors of {sum}");
+        let mean = squares / f64::from(RECEIVERS);
+        assert!(
+            mean < 1.0 + 4.0 * (2.0 / f64::from(RECEIVERS)).sqrt(),
+            "{count} × {count}, {x} {y}: squares of {mean}"
+        );
+    }
 }
