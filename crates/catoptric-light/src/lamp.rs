@@ -135,8 +135,8 @@ impl Edges {
     }
 
     /// The halves whose facets are seen where the others' are not, one after the other: the first such one that is met, and on
-    /// from there. Nothing where none is, or where they do not close.
-    fn outline(&self, is_seen: impl Fn(u32) -> bool, found: &mut Vec<u32>) {
+    /// from there. Nothing where none is; `false` where they do not close.
+    fn outline(&self, is_seen: impl Fn(u32) -> bool, found: &mut Vec<u32>) -> bool {
         found.clear();
         let facing = |half: u32| is_seen(self.halves[half as usize].facet);
         let count = self.len();
@@ -150,7 +150,7 @@ impl Edges {
                 _ => None,
             }
         });
-        let Some(first) = first else { return };
+        let Some(first) = first else { return true };
         let mut half = first;
         loop {
             found.push(half);
@@ -162,11 +162,10 @@ impl Edges {
                 turns += 1;
             }
             if half == first {
-                return;
+                return true;
             }
             if found.len() >= count || turns >= count {
-                found.clear();
-                return;
+                return false;
             }
         }
     }
@@ -246,7 +245,7 @@ const CIRCLE: [[f64; 2]; 16] = {
         [A, -C],
     ]
 };
-/// Sine of the cone around a ball above which its facets matter: from nearer than a tenth of its radius.
+/// Sine of the cone around a ball above which its facets matter: from nearer than a tenth of its radius, and inside.
 const MAX_SINE: f64 = 0.9;
 /// √(π/8 ∕ sin π/8): by so much farther out than the circle are these corners, for its area.
 const STRETCH: f64 = 1.0130015562559769;
@@ -355,7 +354,7 @@ impl Lamp {
         outline.corners.clear();
         let offset = self.center - eye;
         let distance = offset.length();
-        if geometric.dot(offset) + self.radius <= 0.0 || distance <= self.radius {
+        if geometric.dot(offset) + self.radius <= 0.0 {
             return Sight::Hidden;
         }
         // Sine and cosine of the cone that touches the ball.
@@ -403,7 +402,9 @@ impl Lamp {
         if openings.into_iter().any(is_seen) || self.is_in(hidden) {
             return Sight::Facets;
         }
-        self.edges.outline(is_seen, &mut outline.halves);
+        if !self.edges.outline(is_seen, &mut outline.halves) {
+            return Sight::Facets;
+        }
         let corner_of = |half: &u32| self.edges.halves[*half as usize].from;
         // From its first corner on: what it is does not depend on where it was found.
         let first = (0..outline.halves.len()).min_by_key(|i| corner_of(&outline.halves[*i]));

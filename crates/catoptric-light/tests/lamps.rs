@@ -151,7 +151,8 @@ fn a_fine_ball_shines_as_its_facets_do() {
     let (mut far, mut near, mut sums) = (0, 0, [0.0; 2]);
     for index in 0..1000 {
         let direction = point(key, index).normalize_or(Vec3::X);
-        let position = direction * 0.3 * (1.0 + libm::expf(-6.0 + 8.0 * key.point1(index)));
+        // From between facets and corners on.
+        let position = direction * 0.3 * (0.998 + libm::expf(-7.0 + 9.0 * key.point1(index)));
         let normal = point(key.child(7), index).normalize_or(Vec3::Y);
         let (p, n) = (position.as_dvec3(), normal.as_dvec3());
         let cells = lights.emitters().cells().iter();
