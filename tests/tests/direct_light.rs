@@ -167,9 +167,6 @@ fn grain(pixels: &[f64]) -> f64 {
     (differences.map(|d| d * d).sum::<f64>() / pixels.len() as f64).sqrt()
 }
 
-/// Two-sided 99.9 % quantile of Student's t with 7 degrees of freedom.
-const T7: f64 = 5.408;
-
 /// Over eight seeds: one solution's mesh is 1 to 2 % off by its own samples, and whether it is trusted more than the rays depends on them.
 #[test]
 fn where_more_is_in_the_way_than_can_be_cut_out_the_picture_is_not_grainy() {
@@ -192,10 +189,7 @@ fn where_more_is_in_the_way_than_can_be_cut_out_the_picture_is_not_grainy() {
     assert!(pixels > 0.02, "rays alone are no challenge: {pixels}");
     // From a deviation of 1 % on the picture fades over to the mesh.
     assert!(auto < 1.5_f64.sqrt() * 0.01, "{auto} of {pixels}");
-    // The sum of 4096 pixels whose light deviates by 3 % does by 5e-4: the mesh's is nearly all of it.
+    // The sum of 4096 pixels whose light deviates by 3 % does by 5e-4; the mesh is interpolated.
     let mean = ratios.iter().sum::<f64>() / 8.0;
-    let variance = ratios.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / 7.0;
-    assert!((mean - 1.0).abs() < T7 * (variance / 8.0).sqrt(), "{ratios:?}");
-    // Or that would say nothing: twice what is seen.
-    assert!(variance.sqrt() < 0.03, "{ratios:?}");
+    assert!((mean - 1.0).abs() < 0.01, "{mean}: {ratios:?}");
 }
