@@ -484,11 +484,10 @@ impl ImageChain {
         let counts: Vec<usize> = self.reflectors.iter().map(|&r| reflectors[r].apertures.len()).collect();
         let combinations: usize = counts.iter().product();
         self.exact = (1..=MAX_WINDOWS).contains(&combinations);
-        let later = |level: usize| &self.reflectors[level + 1..];
         // Seen from the light: reflected at every later mirror.
         let seen = |outline: &Polygon, level: usize| {
             let mut corners = outline.corners().to_vec();
-            for &later in later(level) {
+            for &later in &self.reflectors[level + 1..] {
                 for corner in &mut corners {
                     *corner = reflectors[later].plane.reflect_point(*corner);
                 }

@@ -62,15 +62,10 @@ impl Facets {
     /// everywhere in turn, what is convex shows a quarter of its area (Cauchy).
     fn radius_of_ball(&self, center: DVec3, radius: f64) -> Option<f64> {
         let is_closed = self.glowing == self.len();
-        let cuts_in = |plane: &Plane| height(plane, center) > -(1.0 - CUTS_IN) * radius;
+        let cuts_in = |plane: &Plane| plane.distance(center) > -(1.0 - CUTS_IN) * radius;
         (is_closed && !self.planes.iter().any(cuts_in))
             .then(|| (self.area / (4.0 * std::f64::consts::PI)).sqrt())
     }
-}
-
-/// Height of a point above a plane, metres.
-fn height(plane: &Plane, point: DVec3) -> f64 {
-    plane.normal.dot(point) - plane.offset
 }
 
 /// An edge between two facets; the first has it run from the first end to the second.
@@ -294,7 +289,7 @@ impl Lamp {
         let slack = rounding.clamp(STANDS_OUT * radius, STANDS_OUT_AT_MOST * radius);
         let round = facets.radius_of_ball(center, radius);
         // Of what is convex, all corners lie behind every facet.
-        let stands_out = |corner: &DVec3| facets.planes.iter().any(|facet| height(facet, *corner) > slack);
+        let stands_out = |corner: &DVec3| facets.planes.iter().any(|facet| facet.distance(*corner) > slack);
         let is_convex = round.is_some() || corners.len() <= MAX_CORNERS && !corners.iter().any(stands_out);
         let plane = if is_flat { first } else { PlaneId::NONE };
         let edges = Edges::new(&edges);
@@ -328,7 +323,7 @@ impl Lamp {
     /// How much of what `eye` sees of it through the windows lies where n·x ≥ offset, the last mirror's plane.
     pub fn beyond(&self, plane: Option<Plane>, eye: DVec3, windows: &Windows) -> Beyond {
         let Some(plane) = plane else { return Beyond::Wholly };
-        if plane.normal.dot(self.center) - plane.offset <= -self.radius {
+        if plane.distance(self.center) <= -self.radius {
             Beyond::No
         } else if windows.show_beyond(eye, self.center, self.radius, &plane) {
             Beyond::Wholly
@@ -389,7 +384,7 @@ impl Lamp {
         }
         let Some(axis) = offset.try_normalize() else { return Sight::Hidden };
         outline.axis = axis;
-        let is_seen = |facet: u32| height(&self.facets.planes[facet as usize], eye) > 0.0;
+        let is_seen = |facet: u32| self.facets.planes[facet as usize].distance(eye) > 0.0;
         if let Some(plane) = self.plane() {
             if plane == hidden || !is_seen(0) {
                 return Sight::Hidden;

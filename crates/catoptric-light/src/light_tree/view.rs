@@ -47,7 +47,7 @@ impl Windows {
     /// Whether all that `eye` sees of a ball through them lies where n·x > offset, the last mirror's plane: its lines of sight cross that in
     /// the windows alone, so that nothing is hidden as long as they do not meet what of the ball is behind it.
     pub fn show_beyond(&self, eye: DVec3, center: DVec3, radius: f64, plane: &Plane) -> bool {
-        let height = plane.normal.dot(center) - plane.offset;
+        let height = plane.distance(center);
         if height >= radius {
             return true;
         }
@@ -89,7 +89,7 @@ impl View<'_> {
 
     /// Whether any of a ball may be seen through the windows, and lies beyond the plane.
     pub(super) fn may_show(&self, center: DVec3, radius: f64) -> bool {
-        self.beyond.is_none_or(|p| p.normal.dot(center) - p.offset > -radius)
+        self.beyond.is_none_or(|plane| plane.distance(center) > -radius)
             && self.windows.may_show(center - self.point, radius)
     }
 
