@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3, Vec3};
 
-use catoptric_light::contour::Polygon;
+use catoptric_light::contour;
 use catoptric_scene::{AlphaMode, Side, TriangleId};
 use catoptric_trace::sequence::{Key, Purpose};
 use catoptric_trace::walk::{self, Arrival};
@@ -160,6 +160,15 @@ impl<'a> Hemicube<'a> {
         let [right, up, forward] = cube.faces[face];
         let half = columns as f64 / 2.0;
         let bottom = if face == 0 { -1.0 } else { 0.0 };
+        // Through the eye and the edges of the face; the last keeps what is behind the eye away.
+        let frustum = [
+            DVec3::new(1.0, 0.0, 1.0),
+            DVec3::new(-1.0, 0.0, 1.0),
+            DVec3::new(0.0, -1.0, 1.0),
+            DVec3::new(0.0, 1.0, -bottom),
+            DVec3::Z,
+        ];
+        let (mut visible, mut spare) = (Vec::new(), Vec::new());
         for index in 0..scene.triangles().len() as u32 {
             let triangle = TriangleId(index);
             if self.tracer.planes().of(triangle) == cube.plane {
@@ -175,23 +184,17 @@ impl<'a> Hemicube<'a> {
             if height == 0.0 {
                 continue;
             }
-            // Clipped by the planes through the eye and the edges of the face.
-            let mut visible = Polygon::new(&corners);
-            for plane in [
-                DVec3::new(1.0, 0.0, 1.0),
-                DVec3::new(-1.0, 0.0, 1.0),
-                DVec3::new(0.0, -1.0, 1.0),
-                DVec3::new(0.0, 1.0, -bottom),
-            ] {
-                visible = visible.clipped(plane, 0.0);
+            visible.clear();
+            visible.extend(corners);
+            for plane in frustum {
+                contour::cut(&mut visible, plane, 0.0, &mut spare);
             }
-            visible = visible.clipped(DVec3::Z, 0.0);
-            if visible.is_empty() {
+            if visible.len() < 3 {
                 continue;
             }
             // Edges through the eye as half-planes of the picture; what is met is inside of all.
             let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-            for corner in visible.corners() {
+            for corner in &visible {
                 let p = DVec2::new(corner.x, corner.y) / corner.z.max(1e-300);
                 let p = p.clamp(DVec2::new(-1.0, bottom), DVec2::ONE);
                 low = low.min(p);
