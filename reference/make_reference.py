@@ -450,7 +450,7 @@ class PathTracer:
 def trace_paths(self, rng, ray):
     """One path per lane; -> (radiance, its part that came to the first diffuse surface by a curved mirror or glass)"""
     L, caustic, beta, sigma = mi.Color3f(0), mi.Color3f(0), mi.Color3f(1), mi.Color3f(0)
-    depth, code, mirrors, diffuse = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
+    depth, code, mirrors, diffuse, crossed = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
     sampled, curved, active, diffuse_first = mi.Bool(True), mi.Bool(False), mi.Bool(True), mi.Bool(False)
     length, p_scatter, eta = mi.Float(0), mi.Float(0), mi.Float(1)
     ray = mi.Ray3f(ray)
@@ -492,7 +492,9 @@ def trace_paths(self, rng, ray):
         sigma = dr.select(refracted, dr.select(bs.wo.z < 0, self.look_up(self.sigma, shape, active), 0), sigma)
         eta *= dr.select(refracted, bs.eta, 1)
         plane = self.look_up(self.plane_id, shape, active)
-        sampled = here | (sampled & (plane > 0)) | (sampled & passed)
+        # more panes in a straight segment are not followed: scattering alone finds what is behind
+        crossed = dr.select(passed, crossed + 1, 0)
+        sampled = here | (sampled & (plane > 0)) | (sampled & passed & (crossed <= self.panes))
         curved = ~here & (curved | (kind == 3) | ((kind == 1) & (plane == 0)))
         mirrors = dr.select(here, 0, mirrors + dr.select(plane > 0, 1, 0))
         length = dr.select(here, 0, length)

@@ -19,7 +19,7 @@ mod feet;
 mod plates;
 
 use crossing::{clip, crossing};
-use feet::{Feet, SHORT, foot};
+use feet::{Feet, SHORT, by_height, foot};
 use plates::{HANGING, SOFT, is_parallel, plates};
 
 /// A segment in the plane coordinates of a face.
@@ -141,14 +141,16 @@ impl Obstacles {
         let mut segments = Distinct::new(tolerance);
         // The two sides of a plate have one outline: apart, or each edge of it would lie between two triangles.
         let mut hanging: [Vec<([DVec2; 3], f64)>; 2] = [Vec::new(), Vec::new()];
-        let mut feet = Feet::new(SHORT * spacing.min(extent(own).length()), tolerance);
+        let mut feet = Feet::new(gap, tolerance);
+        let short = SHORT * spacing.min(extent(own).length());
         for id in near.into_iter().map(TriangleId) {
             if face.triangles.binary_search(&id).is_ok() {
                 continue;
             }
             let corners = scene.corners(id).map(|c| c.as_dvec3());
             let heights = corners.map(|c| frame.height(c));
-            feet.push(&corners, &heights.map(|h| h * side));
+            let flattened = corners.map(|c| frame.flat(c));
+            feet.push(&corners, &flattened, &heights.map(|h| h * side), scene.is_smooth(id));
             let rises = heights.iter().any(|h| h * side > tolerance);
             let flat = heights.iter().all(|h| h.abs() <= tolerance);
             if flat {
@@ -175,10 +177,24 @@ impl Obstacles {
             }
         }
         let touching = segments.list.len();
-        for edge in feet.standing() {
-            let gap = edge.map(|p| frame.height(p) * side);
-            let gap = gap[0].max(gap[1]).max(0.0);
-            segments.push(Contact { gap, ..Contact::touching(edge.map(|p| frame.flat(p))) });
+        let edges = feet.find();
+        let above = |edge: &[DVec3; 2]| edge.map(|p| frame.height(p) * side);
+        for edge in edges.standing {
+            let gap = above(&edge).into_iter().fold(0.0, f64::max);
+            let parts = gap < short;
+            segments.push(Contact { gap, parts, ..Contact::touching(edge.map(|p| frame.flat(p))) });
+        }
+        for edge in edges.outlines {
+            let ends = edge.map(|p| frame.flat(p));
+            let heights = above(&edge);
+            // What rises steeply is high before it is far.
+            if (heights[1] - heights[0]).abs() > (ends[1] - ends[0]).length() {
+                continue;
+            }
+            for ([from, to], gap) in by_height(heights, [short, gap]) {
+                let segment = [from, to].map(|t| ends[0].lerp(ends[1], t));
+                segments.push(Contact { gap, parts: false, ..Contact::touching(segment) });
+            }
         }
         // What lies on the face, piece by piece.
         let level = |p: DVec2| p.extend(0.0);
@@ -416,23 +432,31 @@ mod tests {
         assert!(plate(0.12).iter().all(|c| !c.parts));
     }
 
-    /// A card that leans with its edge just above the floor parts what is before it from what is behind it, as one that
-    /// touches does; one at the height of a hand does not. The foot of a tube is one line, however finely its wall is
-    /// divided.
+    /// A card whose edge is just above the floor parts what is before it from what is behind it, as one that touches does, be it
+    /// upright or nearly level; one at the height of a hand leaves a line that parts nothing, and a higher one none. The foot of a tube
+    /// is one line, however finely its wall is divided.
     #[test]
     fn what_ends_just_above_a_face_stands_on_it() {
-        let card = |height: f32| {
-            let lines = on_floor(move |p, m| {
-                p.add_quad("card", m, Vec3::new(1.0, height, 1.0), Vec3::new(0.4, 1.0, 0.0), Vec3::Z);
-            });
-            assert!(lines.iter().all(|c| (c.gap - f64::from(height)).abs() < 1e-6), "{lines:?}");
-            lines.len()
-        };
-        // The line crosses the floor's diagonal at most once.
-        let touching = card(0.0);
-        assert!((1..=2).contains(&touching), "{touching}");
-        assert_eq!(card(0.004), touching);
-        assert_eq!(card(0.1), 0);
+        for rise in [Vec3::new(0.4, 1.0, 0.0), Vec3::new(1.0, 0.1, 0.0)] {
+            // Those along the edge: the outlines of what leans part nothing.
+            let card = |height: f32| {
+                let mut lines = on_floor(move |p, m| {
+                    p.add_quad("card", m, Vec3::new(1.0, height, 1.0), rise, Vec3::Z);
+                });
+                lines.retain(|c| c.segment.iter().all(|p| (p.x - 1.0).abs() < 1e-6));
+                assert!(lines.iter().all(|c| (c.gap - f64::from(height)).abs() < 1e-6), "{lines:?}");
+                lines
+            };
+            // The line crosses the floor's diagonal at most once.
+            let touching = card(0.0);
+            assert!((1..=2).contains(&touching.len()), "{touching:?}");
+            for (height, parts) in [(0.004, true), (0.1, false)] {
+                let lines = card(height);
+                assert!(lines.iter().all(|c| c.parts == parts), "{lines:?}");
+                assert_eq!(lines.len(), touching.len(), "{height}");
+            }
+            assert!(card(0.21).is_empty());
+        }
         let tube = |rings: u16| {
             on_floor(move |p, m| {
                 for ring in 0..rings {
@@ -451,6 +475,32 @@ mod tests {
         let one = tube(1);
         assert!((4..=8).contains(&one), "{one}");
         assert_eq!(tube(7), one);
+    }
+
+    /// A sheet that lies on one edge: light below it is a matter of how high it is there, along both sides of it.
+    #[test]
+    fn what_leans_is_outlined_by_its_height() {
+        for is_thick in [false, true] {
+            let lines = on_floor(move |p, m| {
+                let (foot, rise, width) = (Vec3::new(1.0, 0.0, 1.0), Vec3::new(1.0, 0.25, 0.0), Vec3::Z);
+                p.add_quad("lower", m, foot, rise, width);
+                if is_thick {
+                    let top = foot + Vec3::Y * 0.02;
+                    p.add_quad("upper", m, top, width, rise);
+                    p.add_quad("left", m, foot, Vec3::Y * 0.02, rise);
+                    p.add_quad("right", m, foot + width, rise, Vec3::Y * 0.02);
+                }
+            });
+            let outlines: Vec<&Contact> = lines.iter().filter(|c| !c.parts).collect();
+            // From where it is 5 cm high to where it is 20, on both sides, by doublings.
+            let along: f64 = outlines.iter().map(|c| (c.segment[1] - c.segment[0]).length()).sum();
+            assert!((along - 2.0 * 0.6).abs() < 1e-6, "{along}: {lines:?}");
+            for contact in outlines {
+                let ends = contact.segment.map(|p| 0.25 * (p.x - 1.0));
+                let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+                assert!(high <= contact.gap + 1e-6 && contact.gap <= 2.0 * low + 1e-6, "{contact:?}");
+            }
+        }
     }
 
     #[test]
