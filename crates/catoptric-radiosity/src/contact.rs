@@ -19,7 +19,7 @@ mod feet;
 mod plates;
 
 use crossing::{clip, crossing};
-use feet::{Feet, SHORT, by_height, foot};
+use feet::{Feet, SHORT, by_height, foot, is_leaning};
 use plates::{HANGING, SOFT, is_parallel, plates};
 
 /// A segment in the plane coordinates of a face.
@@ -182,18 +182,19 @@ impl Obstacles {
         for edge in edges.standing {
             let gap = above(&edge).into_iter().fold(0.0, f64::max);
             let parts = gap < short;
-            segments.push(Contact { gap, parts, ..Contact::touching(edge.map(|p| frame.flat(p))) });
+            let segment = edge.map(|p| frame.flat(p));
+            // What is higher than long is seen past.
+            if parts || gap <= segment[0].distance(segment[1]) {
+                segments.push(Contact { gap, parts, ..Contact::touching(segment) });
+            }
         }
         for edge in edges.outlines {
-            let ends = edge.map(|p| frame.flat(p));
-            let heights = above(&edge);
-            // What rises steeply is high before it is far.
-            if (heights[1] - heights[0]).abs() > (ends[1] - ends[0]).length() {
-                continue;
-            }
-            for ([from, to], gap) in by_height(heights, [short, gap]) {
-                let segment = [from, to].map(|t| ends[0].lerp(ends[1], t));
-                segments.push(Contact { gap, parts: false, ..Contact::touching(segment) });
+            let (heights, ends) = (above(&edge), edge.map(|p| frame.flat(p)));
+            if is_leaning(heights, ends[0].distance(ends[1]), tolerance) {
+                for ([from, to], gap) in by_height(heights, [short, gap]) {
+                    let segment = [from, to].map(|t| ends[0].lerp(ends[1], t));
+                    segments.push(Contact { gap, parts: false, ..Contact::touching(segment) });
+                }
             }
         }
         // What lies on the face, piece by piece.

@@ -144,6 +144,16 @@ impl Feet {
     }
 }
 
+/// Slope of an outline, at most: what rises more steeply is high before it is far.
+const SLOPE: f64 = 0.5;
+
+/// Whether an edge that is `length` metres long, seen from the face, leans over it: it does not come from behind the face, is not
+/// level (plates have outlines of their own) or steep, and longer than what is below it is high.
+pub(super) fn is_leaning(heights: [f64; 2], length: f64, tolerance: f64) -> bool {
+    let [low, high] = [heights[0].min(heights[1]), heights[0].max(heights[1])];
+    low > -tolerance && (GENTLE..=SLOPE).contains(&((high - low) / length)) && low <= length
+}
+
 /// Parts of an edge, as shares of its length, that are as high as `low..high`, and the height of each: the upper end of it is twice as high
 /// as the lower one at most.
 pub(super) fn by_height(ends: [f64; 2], [low, high]: [f64; 2]) -> Vec<([f64; 2], f64)> {
@@ -176,6 +186,16 @@ pub(super) fn foot(corners: &[DVec3; 3], frame: &Frame, side: f64) -> DVec2 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn edges_lean_that_rise_slowly_from_before_the_face() {
+        assert!(is_leaning([0.0, 0.25], 1.0, 1e-6) && is_leaning([0.25, 0.01], 1.0, 1e-6));
+        for (heights, length) in
+            [([0.1, 0.1], 1.0), ([0.0, 0.6], 1.0), ([-0.1, 0.1], 1.0), ([0.1, 0.12], 0.06)]
+        {
+            assert!(!is_leaning(heights, length, 1e-6), "{heights:?} along {length}");
+        }
+    }
 
     #[test]
     fn edges_are_divided_by_their_height() {
