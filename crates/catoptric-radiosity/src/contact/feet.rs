@@ -86,8 +86,8 @@ impl Feet {
         let steepness = if is_smooth { STEEP } else { GENTLE };
         for k in 0..3 {
             let (mut a, mut b, apex) = (k, (k + 1) % 3, (k + 2) % 3);
-            let is_near = |h: f64| (-self.tolerance..self.gap).contains(&h);
-            if !is_near(heights[a]) && !is_near(heights[b]) {
+            let near = [a, b].map(|i| (-self.tolerance..self.gap).contains(&heights[i]));
+            if near == [false; 2] {
                 continue;
             }
             let bits = |i: usize| corners[i].to_array().map(f64::to_bits);
@@ -98,9 +98,7 @@ impl Feet {
             let across = along.cross(corners[apex] - corners[a]).length() / along.length();
             let foot = if heights[apex] < heights[a].min(heights[b]) - self.tolerance {
                 Foot::Below
-            } else if is_near(heights[a].max(heights[b]))
-                && heights[apex] - heights[a].max(heights[b]) > steepness * across
-            {
+            } else if near == [true; 2] && heights[apex] - heights[a].max(heights[b]) > steepness * across {
                 Foot::Standing
             } else {
                 Foot::Level
