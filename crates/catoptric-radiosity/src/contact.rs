@@ -104,8 +104,8 @@ impl Obstacles {
 
     /// The contact lines on a face: every triangle that is not its own and touches or crosses it from the face's side, the
     /// outlines of what hangs parallel before it, nearer than a share of the edge length, like pictures and mirrors (what is
-    /// behind them is dark, and nobody sees it), and the edges on which something stands just before it. Nothing where there
-    /// are more than `limit`; what stands without touching is left out first.
+    /// behind them is dark, and nobody sees it), and the edges on which something stands just before it, or leans over it. Nothing
+    /// where there are more than `limit`; what stands without touching is left out first.
     fn segments(
         &self,
         scene: &Scene,
@@ -149,20 +149,19 @@ impl Obstacles {
             }
             let corners = scene.corners(id).map(|c| c.as_dvec3());
             let heights = corners.map(|c| frame.height(c));
-            let flattened = corners.map(|c| frame.flat(c));
-            feet.push(&corners, &flattened, &heights.map(|h| h * side), scene.is_smooth(id));
-            let rises = heights.iter().any(|h| h * side > tolerance);
+            let above = heights.map(|h| h * side);
+            let projected = corners.map(|c| frame.flat(c));
+            feet.push(&corners, &projected, &above, scene.is_smooth(id));
+            let rises = above.iter().any(|&h| h > tolerance);
             let flat = heights.iter().all(|h| h.abs() <= tolerance);
             if flat {
                 for k in 0..3 {
-                    segments
-                        .push(Contact::touching([corners[k], corners[(k + 1) % 3]].map(|p| frame.flat(p))));
+                    segments.push(Contact::touching([projected[k], projected[(k + 1) % 3]]));
                 }
             } else if rises && is_parallel(&corners, &heights, gap, tolerance, side) {
-                let [a, b, c] = corners.map(|c| frame.flat(c));
+                let [a, b, c] = projected;
                 let turned = usize::from((b - a).perp_dot(c - a) < 0.0);
-                hanging[turned]
-                    .push(([a, b, c], heights.iter().map(|h| h * side).fold(f64::INFINITY, f64::min)));
+                hanging[turned].push((projected, above.into_iter().fold(f64::INFINITY, f64::min)));
             } else if rises && let Some(segment) = crossing(&corners, &heights, tolerance) {
                 let touching = Contact::touching(segment.map(|p| frame.flat(p)));
                 let foot = if scene.is_smooth(id) { DVec2::ZERO } else { foot(&corners, frame, side) };

@@ -2,15 +2,11 @@
 
 use std::ops::Range;
 
-use catoptric_scene::{AlphaMode, Material, MaterialId, Radiance, Rgb, Scene, SceneParts, TriangleId};
+use catoptric_scene::{AlphaMode, Material, MaterialId, Rgb, Scene, SceneParts, TriangleId};
 use catoptric_trace::beam::{Base, End, Pyramid, Suspects};
 use catoptric_trace::sequence::{Key, Purpose};
 use catoptric_trace::{PlaneId, Tracer};
 use glam::{DVec3, Vec3};
-
-fn glowing(parts: &mut SceneParts) -> MaterialId {
-    parts.add_material(Material::emitter("glowing", Radiance(Rgb::splat(3.0))))
-}
 
 fn white(parts: &mut SceneParts) -> MaterialId {
     parts.add_material(Material::lambertian("white", Rgb::splat(0.5)))
@@ -100,14 +96,14 @@ fn what_stands_right_before_an_eye_is_not_taken_for_what_touches_its_view() {
 #[test]
 fn what_belongs_to_the_light_is_not_suspected() {
     let mut parts = SceneParts::default();
-    let (lamp, wall) = (glowing(&mut parts), white(&mut parts));
+    let wall = white(&mut parts);
     let key = Key::new(8, Purpose::Test, 0);
     for index in 0..20 {
         let at = point(key, index) * 0.5;
         let [u, v] = [1, 2].map(|k| point(key.child(k), index) * 0.2);
         parts.add_quad("scrap", wall, at, u, v);
     }
-    parts.add_sphere("ball", lamp, Vec3::Y * 0.4, 0.3, 12);
+    parts.add_sphere("ball", wall, Vec3::Y * 0.4, 0.3, 12);
     let scene = Scene::new(parts).expect("a valid scene");
     let own = scene.surfaces()[20].triangles.clone();
     let tracer = Tracer::new(&scene);

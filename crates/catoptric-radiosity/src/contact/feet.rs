@@ -145,26 +145,22 @@ impl Feet {
 /// Slope of an outline, at most: what rises more steeply is high before it is far.
 const SLOPE: f64 = 0.5;
 
-/// Whether an edge that is `length` metres long, seen from the face, leans over it: it does not come from behind the face, is not
-/// level (plates have outlines of their own) or steep, and longer than what is below it is high.
+/// Whether an edge that is `length` metres long, seen from the face, leans over it: it does not come from behind the face, is neither
+/// level (plates have outlines of their own) nor steep, and at least as long as its lower end is high.
 pub(super) fn is_leaning(heights: [f64; 2], length: f64, tolerance: f64) -> bool {
     let [low, high] = [heights[0].min(heights[1]), heights[0].max(heights[1])];
     low > -tolerance && (GENTLE..=SLOPE).contains(&((high - low) / length)) && low <= length
 }
 
-/// Parts of an edge, as shares of its length, that are as high as `low..high`, and the height of each: the upper end of it is twice as high
-/// as the lower one at most.
+/// Parts of an edge whose ends differ in height, as shares of its length, that are as high as `low..high`, and how high the upper end
+/// of each is: twice as high as the lower one at most. `low` is above 0.
 pub(super) fn by_height(ends: [f64; 2], [low, high]: [f64; 2]) -> Vec<([f64; 2], f64)> {
-    let [least, most] = [ends[0].min(ends[1]), ends[0].max(ends[1])];
-    let (mut from, top) = (least.max(low), most.min(high));
+    let (mut from, top) = (ends[0].min(ends[1]).max(low), ends[0].max(ends[1]).min(high));
+    let share = |height: f64| ((height - ends[0]) / (ends[1] - ends[0])).clamp(0.0, 1.0);
     let mut parts = Vec::new();
-    while from <= top && from < high {
+    while from < top {
         let to = (2.0 * from).min(top);
-        let share = |height: f64| ((height - ends[0]) / (ends[1] - ends[0])).clamp(0.0, 1.0);
-        parts.push(if least < most { ([share(from), share(to)], to) } else { ([0.0, 1.0], to) });
-        if to >= top {
-            break;
-        }
+        parts.push(([share(from), share(to)], to));
         from = to;
     }
     parts
@@ -197,8 +193,7 @@ mod tests {
 
     #[test]
     fn edges_are_divided_by_their_height() {
-        assert_eq!(by_height([0.3, 0.3], [0.1, 1.0]), [([0.0, 1.0], 0.3)]);
-        assert!(by_height([0.05, 0.05], [0.1, 1.0]).is_empty());
+        assert!(by_height([0.02, 0.05], [0.1, 1.0]).is_empty());
         assert!(by_height([1.0, 2.0], [0.1, 1.0]).is_empty());
         // From 0 at one end to 8 at the other: 1 to 2 to 4 to 5.
         for ends in [[0.0, 8.0], [8.0, 0.0]] {
