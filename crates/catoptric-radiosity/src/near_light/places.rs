@@ -16,8 +16,10 @@ use crate::draft::Draft;
 use super::look::{Surplus, at_asked};
 use super::{Known, NearLight};
 
-/// Points that stand for all bright places.
-const POINTS: u32 = 32;
+/// Points that stand for all bright places, at first, …
+const FEW_POINTS: u32 = 32;
+/// … and all that there are, for long edges of which fewer do not tell: shorter ones are worth as many less as they cover less.
+const POINTS: u32 = 256;
 /// Times the mean radiance of the scene from which on a place is bright.
 const BRIGHT: f32 = 8.0;
 /// Share of all light that bright places send, at least, where their shadows are looked for.
@@ -32,16 +34,17 @@ struct Point {
     plane: PlaneId,
 }
 
-/// Irradiance by each point, times their number.
-pub(super) type Lit = [f32; POINTS as usize];
+/// Irradiance by each of the first points, if all sent what it does.
+pub(super) type Lit = Vec<f32>;
 
 /// The bright places of a scene.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Places {
+    /// The first of them, as many as a power of two, are spread over the places as all are.
     points: Vec<Point>,
     /// Radiance times area of all.
     sent: f32,
-    /// Area that each point stands for, m².
+    /// Area that each of few points stands for, m².
     area: f32,
 }
 
@@ -73,57 +76,55 @@ impl Places {
         }
         // In proportion to what they send.
         let key = Key::new(light.seed, Purpose::Hemisphere, 1 << 41);
-        let mut points = Vec::with_capacity(POINTS as usize);
+        let mut ordered = Vec::with_capacity(POINTS as usize);
         let mut sum = 0.0;
         for (element, &(radiance, own)) in bright() {
             sum += f64::from(radiance) * f64::from(own) / sent;
-            while points.len() < POINTS as usize && (points.len() as f64 + 0.5) / f64::from(POINTS) < sum {
-                let (u, v) = triangle_point(key.point2(points.len() as u32));
+            while ordered.len() < POINTS as usize && (ordered.len() as f64 + 0.5) / f64::from(POINTS) < sum {
+                let (u, v) = triangle_point(key.point2(ordered.len() as u32));
                 let corners = mesh.elements[element].vertices.map(|v| &mesh.vertices[v as usize]);
                 let [a, b, c] = corners.map(|corner| corner.position);
-                points.push(Point {
+                ordered.push(Point {
                     position: a + (b - a) * u + (c - a) * v,
                     normal: corners[0].normal,
                     plane: light.tracer.planes().of(corners[0].triangle),
                 });
             }
         }
-        Self { points, sent: sent as f32, area: area as f32 / POINTS as f32 }
+        let unused = u32::BITS - POINTS.trailing_zeros();
+        let turned = (0..POINTS).filter_map(|k| ordered.get((k.reverse_bits() >> unused) as usize).copied());
+        Self { points: turned.collect(), sent: sent as f32, area: area as f32 / FEW_POINTS as f32 }
     }
 
     pub(super) fn is_empty(&self) -> bool {
         self.points.is_empty()
     }
 
-    /// What a receiver gets from each.
-    fn lit(&self, tracer: &Tracer, receiver: &Receiver) -> Lit {
-        let mut lit = [0.0; POINTS as usize];
-        for (lit, point) in lit.iter_mut().zip(&self.points) {
-            let way = point.position - receiver.position;
-            let cosines = way.dot(receiver.normal).max(0.0) * (-way.dot(point.normal)).max(0.0);
-            // Beside a place no point stands for more than its area does.
-            let distance = way.length_squared();
-            let factor = cosines / (distance * distance.max(self.area));
-            let seen = || tracer.visibility(receiver.position, receiver.plane, point.position, point.plane);
-            if factor > 0.0 && seen() != Rgb::ZERO {
-                *lit = self.sent * factor;
-            }
-        }
-        lit
+    /// What a receiver gets from a point.
+    fn lit_by(&self, tracer: &Tracer, receiver: &Receiver, point: &Point) -> f32 {
+        let way = point.position - receiver.position;
+        let cosines = way.dot(receiver.normal).max(0.0) * (-way.dot(point.normal)).max(0.0);
+        // Beside a place no point stands for more than its area does.
+        let distance = way.length_squared();
+        let factor = cosines / (distance * distance.max(self.area));
+        let seen = || tracer.visibility(receiver.position, receiver.plane, point.position, point.plane);
+        if factor > 0.0 && seen() != Rgb::ZERO { self.sent * factor } else { 0.0 }
     }
 
     /// The edges in whose middle their light is not what the ends foretell, with the difference as a multiple of what `left_alone` says, of an edge
-    /// and the light there, to leave alone.
+    /// and the light there, to leave alone. Edges of length `wide` are worth all points.
     pub(super) fn bent(
         &self,
         tracer: &Tracer,
         draft: &mut Draft,
         mut candidates: Vec<(u32, u32)>,
         known: &mut Known,
+        wide: f32,
         left_alone: impl Fn(&Draft, (u32, u32), f32) -> f32,
     ) -> Vec<(f32, (u32, u32))> {
-        let total = |lit: &Lit| lit.iter().sum::<f32>() / POINTS as f32;
-        self.look(tracer, draft, candidates.iter().flat_map(|&(a, b)| [a, b]).collect(), &mut known.lit);
+        let total = |lit: &Lit| lit.iter().sum::<f32>() / lit.len() as f32;
+        let ends = candidates.iter().flat_map(|&(a, b)| [a, b]).collect();
+        self.look(tracer, draft, ends, FEW_POINTS, &mut known.lit);
         candidates.retain(|&(a, b)| {
             let [Some(one), Some(other)] = [a, b].map(|v| known.lit(v).map(total)) else { return false };
             let there = 0.5 * (known.all[a as usize] + known.all[b as usize]);
@@ -132,21 +133,46 @@ impl Places {
         draft.make_midpoints(tracer, &candidates);
         let middles: Vec<u32> = candidates.iter().map(|&(a, b)| draft.midpoint(tracer, a, b)).collect();
         known.fill(draft);
-        self.look(tracer, draft, middles.clone(), &mut known.lit);
-        let excess = |((a, b), middle): ((u32, u32), u32)| {
-            let (one, other, own) = (known.lit(a)?, known.lit(b)?, known.lit(middle)?);
-            let bend = Surplus::of_middle(own, [one, other], POINTS);
-            let there = known.all[middle as usize].max(total(own));
-            let excess = bend.sum.abs() / left_alone(draft, (a, b), there);
-            (bend.is_significant() && excess > 1.0).then_some((excess, (a, b)))
-        };
-        candidates.into_iter().zip(middles).filter_map(excess).collect()
+        let mut open: Vec<((u32, u32), u32)> = candidates.into_iter().zip(middles).collect();
+        let mut bent = Vec::new();
+        let mut points = FEW_POINTS;
+        while !open.is_empty() && points <= POINTS {
+            let asked = open.iter().flat_map(|&((a, b), middle)| [a, b, middle]).collect();
+            self.look(tracer, draft, asked, points, &mut known.lit);
+            open.retain(|&((a, b), middle)| {
+                let [Some(one), Some(other), Some(own)] = [a, b, middle].map(|v| known.lit(v)) else {
+                    return false;
+                };
+                let bend = Surplus::of_middle(own, [one, other], points);
+                let there = known.all[middle as usize].max(total(own));
+                let left_alone = left_alone(draft, (a, b), there);
+                if bend.sum.abs() > left_alone && bend.is_significant() {
+                    bent.push((bend.sum.abs() / left_alone, (a, b)));
+                    return false;
+                }
+                let is_worth = (2 * points) as f32 <= POINTS as f32 * (draft.length((a, b)) / wide).powi(2);
+                is_worth && bend.may_be(left_alone)
+            });
+            points *= 2;
+        }
+        bent
     }
 
-    /// Has vertices look that have not yet.
-    fn look(&self, tracer: &Tracer, draft: &Draft, vertices: Vec<u32>, lit: &mut Vec<Option<Box<Lit>>>) {
+    /// Has vertices look at so many points that have not yet.
+    fn look(
+        &self,
+        tracer: &Tracer,
+        draft: &Draft,
+        vertices: Vec<u32>,
+        points: u32,
+        lit: &mut Vec<Option<Lit>>,
+    ) {
         at_asked(draft, vertices, lit, |vertex, lit| {
-            lit.get_or_insert_with(|| Box::new(self.lit(tracer, &draft.gatherer(tracer, vertex))));
+            let lit = lit.get_or_insert_default();
+            let receiver = draft.gatherer(tracer, vertex);
+            for point in self.points.iter().take(points as usize).skip(lit.len()) {
+                lit.push(self.lit_by(tracer, &receiver, point));
+            }
         });
     }
 }
