@@ -174,7 +174,7 @@ impl Lights<'_> {
             if !lamp.may_be_seen(image.position, windows) {
                 continue;
             }
-            let sight = match lamp.beyond(image.beyond, image.position, windows) {
+            let sight = match lamp.beyond(image.beyond, image.position, windows, spare) {
                 Beyond::No => Sight::Hidden,
                 Beyond::Partly => Sight::Facets,
                 Beyond::Wholly => lamp.outline_of_light(image.position, image.geometric, image.last, outline),
@@ -258,6 +258,16 @@ impl Lights<'_> {
                 visit(Piece { polygon, cell: index, whole, unit, weight });
             }
         };
+        // What is all outside is told without a copy.
+        let (corners, count) = cell.corners();
+        let is_outside =
+            |normal: DVec3, offset: f64| corners[..count].iter().all(|c| normal.dot(*c) < offset);
+        if is_outside(image.geometric, image.geometric.dot(image.position))
+            || image.beyond.is_some_and(|plane| is_outside(plane.normal, plane.offset))
+            || !windows.may_show_where(|normal| !is_outside(*normal, normal.dot(image.position)))
+        {
+            return;
+        }
         let outline = cell.polygon();
         let mut horizon = outline.clipped(image.geometric, image.geometric.dot(image.position));
         // What lies between the receiver's image and the last mirror is not before that mirror.

@@ -41,7 +41,17 @@ impl Windows {
 
     /// Whether any of a ball about the eye + `offset` may be seen through them.
     pub fn may_show(&self, offset: DVec3, radius: f64) -> bool {
-        self.is_empty() || self.iter().any(|window| window.iter().all(|n| n.dot(offset) > -radius))
+        self.may_show_where(|normal| normal.dot(offset) > -radius)
+    }
+
+    /// Whether anything may be seen through them that is in part before the planes of which that is said.
+    pub fn may_show_where(&self, is_before: impl Fn(&DVec3) -> bool) -> bool {
+        self.is_empty() || self.iter().any(|window| window.iter().all(&is_before))
+    }
+
+    /// Whether nothing of what is spanned by some points is seen through them: all are behind one plane of each window.
+    pub fn show_none_of(&self, eye: DVec3, points: &[DVec3]) -> bool {
+        !self.may_show_where(|normal| points.iter().any(|p| normal.dot(*p - eye) > 0.0))
     }
 
     /// Whether all that `eye` sees of a ball through them lies where n·x > offset, the last mirror's plane: its lines of sight cross that in
