@@ -40,7 +40,8 @@ impl Shape {
         let (e, f) = (b - a, c - a);
         let determinant = e.perp_dot(f);
         if determinant == 0.0 {
-            return Self { origin: a, u: Vec2::ZERO, v: Vec2::ZERO };
+            // Without area it holds no point.
+            return Self { origin: Vec2::NAN, u: Vec2::ZERO, v: Vec2::ZERO };
         }
         Self { origin: a, u: Vec2::new(f.y, -f.x) / determinant, v: Vec2::new(-e.y, e.x) / determinant }
     }
@@ -145,6 +146,19 @@ impl Locator {
                 next[cell] += 1;
             }
         }
+        // Most points of a cell lie in the element that holds its middle.
+        let shapes = &self.shapes[self.shapes.len() - corners.len()..];
+        let starts = self.starts[first_cell as usize..].iter().map(|&start| start as usize);
+        let ends = next.iter().map(|&end| end as usize);
+        for (cell, (start, end)) in (0..).zip(starts.zip(ends)) {
+            let middle = Vec2::new((cell % columns) as f32 + 0.5, (cell / columns) as f32 + 0.5);
+            let middle = min + middle / cells_per_metre;
+            let list = &mut self.entries[start..end];
+            let is_there = |&element: &u32| holds(shapes[(element - first_element) as usize].weights(middle));
+            if let Some(first) = list.iter().position(is_there) {
+                list.swap(0, first);
+            }
+        }
         self.grids.push(grid);
     }
 
@@ -168,21 +182,29 @@ impl Locator {
         self.best(list.iter().copied(), point).or_else(|| self.best(face.elements.clone(), point))
     }
 
+    /// The candidate that holds a point, else the one that it is least outside of.
     #[inline]
-    fn best(&self, candidates: impl Iterator<Item = u32>, point: Vec2) -> Option<(u32, [f32; 3])> {
-        let mut best: Option<(u32, [f32; 3], f32)> = None;
-        for element in candidates {
+    fn best(&self, candidates: impl Iterator<Item = u32> + Clone, point: Vec2) -> Option<(u32, [f32; 3])> {
+        for element in candidates.clone() {
             let weights = self.shapes[element as usize].weights(point);
-            let depth = weights[0].min(weights[1]).min(weights[2]);
-            if depth >= 0.0 {
+            if holds(weights) {
                 return Some((element, weights));
             }
-            if best.is_none_or(|b| depth > b.2) {
-                best = Some((element, weights, depth));
-            }
         }
-        best.map(|(element, weights, _)| (element, inside(weights)))
+        let depth = |weights: [f32; 3]| weights[0].min(weights[1]).min(weights[2]);
+        let best = candidates
+            .map(|element| (element, self.shapes[element as usize].weights(point)))
+            .filter(|(_, weights)| !weights[0].is_nan())
+            .reduce(|best, next| if depth(next.1) > depth(best.1) { next } else { best });
+        best.map(|(element, weights)| (element, inside(weights)))
     }
+}
+
+/// Whether no weight is negative.
+#[inline]
+fn holds([a, b, c]: [f32; 3]) -> bool {
+    // One branch that is hard to predict, not three.
+    (a >= 0.0) & (b >= 0.0) & (c >= 0.0)
 }
 
 /// Weights moved to the nearest side of the element: ≥ 0, sum 1.
@@ -191,4 +213,67 @@ fn inside(weights: [f32; 3]) -> [f32; 3] {
     let [a, b, c] = weights.map(|w| if w > 0.0 { w } else { 0.0 });
     let sum = a + b + c;
     if sum > 0.0 { [a / sum, b / sum, c / sum] } else { [1.0, 0.0, 0.0] }
+}
+
+#[cfg(test)]
+mod tests {
+    use catoptric_scene::{Side, TriangleId};
+    use glam::Vec3;
+
+    use super::*;
+
+    /// A square of uneven triangles, some of them without area.
+    fn square(n: u32) -> (Vec<DisplayVertex>, Vec<Element>, Face) {
+        let side = 2.0;
+        let place = |k: u32| {
+            let [x, z] = [k % (n + 1), k / (n + 1)].map(|i| i as f32 / n as f32);
+            // Fine at one corner, coarse at the other.
+            Vec3::new(x * x, 0.0, z * z * z) * side
+        };
+        let vertices: Vec<DisplayVertex> = (0..(n + 1) * (n + 1))
+            .map(|k| DisplayVertex {
+                position: place(k),
+                normal: Vec3::Y,
+                triangle: TriangleId(0),
+                side: Side::Front,
+            })
+            .collect();
+        let corner = |x: u32, z: u32| z * (n + 1) + x;
+        let mut elements = Vec::new();
+        for (x, z) in (0..n * n).map(|k| (k % n, k / n)) {
+            let [a, b, c, d] = [corner(x, z), corner(x, z + 1), corner(x + 1, z + 1), corner(x + 1, z)];
+            elements.extend([[a, b, c], [a, c, c], [a, c, d]].map(|vertices| Element { vertices }));
+        }
+        let face = Face {
+            elements: 0..elements.len() as u32,
+            origin: Vec3::new(0.3, 0.0, -0.2),
+            axes: [Vec3::Z, Vec3::X],
+        };
+        (vertices, elements, face)
+    }
+
+    /// Inside, an element is found that holds the point, as the weights say; outside, the nearest in its cell, with weights on its border.
+    #[test]
+    fn points_lie_in_the_elements_that_are_found() {
+        let (vertices, elements, face) = square(17);
+        let locator = Locator::new(&vertices, &elements, std::slice::from_ref(&face));
+        let mut found = vec![false; elements.len()];
+        for (i, j) in (0..400).flat_map(|i| (0..400).map(move |j| (i, j))) {
+            // From a tenth outside to a tenth outside.
+            let point = Vec3::new(i as f32, 0.0, j as f32) * (2.4 / 399.0) - Vec3::new(0.2, 0.0, 0.2);
+            let (element, weights) =
+                locator.find(FaceId(0), &face, face.plane_point(point)).expect("the face has elements");
+            found[element as usize] = true;
+            assert!(weights.iter().all(|w| *w >= 0.0) && (weights.iter().sum::<f32>() - 1.0).abs() < 1e-6);
+            let corners = elements[element as usize].vertices.map(|v| vertices[v as usize].position);
+            let there: Vec3 = corners.iter().zip(weights).map(|(corner, weight)| *corner * weight).sum();
+            let is_inside = point.clamp(Vec3::ZERO, Vec3::splat(2.0)) == point;
+            // Rounding: an element is as thin as 2·17⁻³ m, and its weights are quotients by that of differences of 2⁻²⁴ · 2.4 m.
+            assert!(!is_inside || there.distance(point) < 1e-4, "{point}: {there}");
+        }
+        let has_area = |index: usize| index % 3 != 1;
+        assert!(found.iter().enumerate().all(|(index, found)| has_area(index) || !found));
+        // The finest are smaller than the distance of two points.
+        assert!(found.iter().filter(|found| **found).count() > elements.len() / 2);
+    }
 }
