@@ -38,8 +38,8 @@ const USUAL: f32 = 1400.0;
 const OPEN: f32 = 32.0;
 /// … and large if so many larger triangles fit along it.
 const LARGE: f32 = 8.0;
-/// Times that the edges of open faces are doubled, at most.
-const MOST_DOUBLINGS: u8 = 3;
+/// Times that the edges of open faces are doubled, at most: enough for a ground of ten kilometres around a small room.
+const MOST_DOUBLINGS: u8 = 12;
 /// Half of all surfaces see nothing within this multiple of the spacing: there are as many triangles as that takes. Rooms with a
 /// few things in them have 2.5 to 4.
 const CLOSE: f32 = 2.3;
@@ -261,17 +261,20 @@ mod tests {
     fn a_field_takes_no_triangles_from_the_house_in_it() {
         let (alone, of_alone) = lattice(add_room, LOW, HIGH);
         assert!(alone.doublings.iter().all(|&times| times == 0));
-        let (in_field, of_house) = lattice(
-            |parts, white| {
-                add_room(parts, white);
-                parts.add_quad("field", white, Vec3::new(-40.0, -0.1, 40.0), Vec3::X * 80.0, Vec3::Z * -80.0);
-            },
-            LOW,
-            HIGH,
-        );
-        assert!(in_field.most_doublings() > 0);
-        // By area, the house would be left with a hundredth. What the field has left may be as much as the house.
-        assert!(2 * of_house > of_alone, "{of_house} of {of_alone}");
+        for side in [80.0, 10_000.0] {
+            let (in_field, of_house) = lattice(
+                |parts, white| {
+                    add_room(parts, white);
+                    let corner = Vec3::new(-0.5 * side, -0.1, 0.5 * side);
+                    parts.add_quad("field", white, corner, Vec3::X * side, Vec3::Z * -side);
+                },
+                LOW,
+                HIGH,
+            );
+            assert!(in_field.most_doublings() > 0);
+            // By area, the house would be left with a hundredth, or nothing. What the field has left may be as much as the house.
+            assert!(2 * of_house > of_alone, "{side} m: {of_house} of {of_alone}");
+        }
         let all = lattice(
             |parts, white| {
                 parts.add_quad("field", white, Vec3::new(-40.0, 0.0, 40.0), Vec3::X * 80.0, Vec3::Z * -80.0);
