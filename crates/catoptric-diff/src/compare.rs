@@ -38,6 +38,8 @@ pub struct Comparison {
     pub only_in_test: Vec<String>,
     /// Colour layers of the reference that the test image lacks.
     pub only_in_reference: Vec<String>,
+    /// Channels of both that belong to no compared layer, such as depth and ids, with the number of pixels in which they are not the same.
+    pub other_channels: Vec<(String, usize)>,
 }
 
 /// One layer.
@@ -79,6 +81,10 @@ pub fn compare(test: Image, reference: Image, params: &Params) -> Result<Compari
         Some(names) => names.clone(),
         None => common_layers(&ours, &theirs, &test, &reference)?,
     };
+    let other_channels = match params.layers {
+        Some(_) => Vec::new(),
+        None => other_channels(&test, &reference, &names, &region),
+    };
     // Each plane is taken over by the last layer that wants it.
     let encodings = [test.encoding, reference.encoding];
     let mut test = Stock::new(test, names.clone());
@@ -110,7 +116,39 @@ pub fn compare(test: Image, reference: Image, params: &Params) -> Result<Compari
         layers,
         only_in_test: without(&ours, &theirs),
         only_in_reference: without(&theirs, &ours),
+        other_channels,
     })
+}
+
+/// The channels of both images that none of some layers has, with the number of pixels of the region in which they are not the same.
+fn other_channels(
+    test: &Image,
+    reference: &Image,
+    layers: &[String],
+    region: &Region,
+) -> Vec<(String, usize)> {
+    let used: Vec<usize> =
+        layers.iter().filter_map(|layer| reference.layer_channels(layer)).flatten().flatten().collect();
+    let is_noise = |name: &str| name == NOISE_LAYER || name.starts_with(&format!("{NOISE_LAYER}."));
+    let mut others = Vec::new();
+    for (index, channel) in reference.channels.iter().enumerate() {
+        let name = channel.name.as_str();
+        let (false, false, Some(ours)) = (used.contains(&index), is_noise(name), test.channel(name)) else {
+            continue;
+        };
+        let theirs = &channel.samples;
+        let differs = |&(index, pixel): &(usize, usize)| {
+            let (a, b) = (ours[pixel], theirs[pixel]);
+            region.selected.as_ref().is_none_or(|selected| selected[index])
+                && a != b
+                && !(a.is_nan() && b.is_nan())
+        };
+        let rows = region.top..region.top + region.height;
+        let pixels = rows.flat_map(|y| (region.left..region.left + region.width).map(move |x| (y, x)));
+        let pixels = pixels.map(|(y, x)| y * reference.width + x).enumerate();
+        others.push((name.to_owned(), pixels.filter(differs).count()));
+    }
+    others
 }
 
 /// Layers of both; images without any are compared by their only channel.

@@ -96,11 +96,17 @@ impl Limits {
         looser
     }
 
-    /// Checks a comparison. Without limits the layers must be equal. Pixels that are not finite where the reference's are
+    /// Checks a comparison. Without limits all that both images hold must be equal. Pixels that are not finite where the reference's are
     /// always break a limit, unless `nonfinite` has one of its own.
     pub fn check(&self, comparison: &Comparison) -> Result<Vec<Check>, DiffError> {
         let mut checks = Vec::new();
         for layer in &comparison.layers {
+            if layer.pair.non_finite.reference == layer.pair.width * layer.pair.height {
+                let title = layer.title();
+                return Err(DiffError::Limit(format!(
+                    "{title}: the reference has no finite pixel to compare with"
+                )));
+            }
             let own = |name: &str, value: f64, allowed: f64| Check {
                 layer: layer.layer.clone(),
                 metric: name.to_owned(),
@@ -111,10 +117,27 @@ impl Limits {
             if self.is_empty() {
                 let (largest, _) = layer.pair.largest(|i| layer.pair.absolute_error(i));
                 checks.push(own("max_abs", largest, 0.0));
+                if layer.pair.non_finite.reference > 0 {
+                    checks.push(own(
+                        "finite where the reference is not",
+                        layer.pair.non_finite.gone as f64,
+                        0.0,
+                    ));
+                }
             }
             if !self.max.contains_key(&qualified(&layer.layer, "nonfinite")) {
                 checks.push(own("nonfinite", layer.pair.non_finite.new as f64, 0.0));
             }
+        }
+        if self.is_empty() {
+            let differing = comparison.other_channels.iter().filter(|(_, pixels)| *pixels > 0);
+            checks.extend(differing.map(|(name, pixels)| Check {
+                layer: name.clone(),
+                metric: "differing_pixels".to_owned(),
+                value: *pixels as f64,
+                limit: "≤ 0".to_owned(),
+                holds: false,
+            }));
         }
         for (name, &limit) in &self.max {
             checks.push(upper(comparison, name, limit)?);

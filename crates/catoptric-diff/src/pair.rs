@@ -35,6 +35,8 @@ pub struct NonFinite {
     pub reference: usize,
     /// Pixels that are not finite in the test image but are in the reference.
     pub new: usize,
+    /// Pixels that are finite in the test image but are not in the reference.
+    pub gone: usize,
 }
 
 /// Standard error of a reference, linear.
@@ -296,6 +298,7 @@ fn blacken_non_finite(test: &mut Planes, reference: &mut Planes) -> NonFinite {
                 found.inf += usize::from(t.iter().any(|v| v.is_infinite()));
                 found.reference += usize::from(r_bad);
                 found.new += usize::from(t_bad && !r_bad);
+                found.gone += usize::from(r_bad && !t_bad);
                 test.blacken(i);
             }
             if r_bad {

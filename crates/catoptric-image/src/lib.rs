@@ -14,7 +14,7 @@ mod limits;
 pub mod srgb;
 pub mod tone;
 
-pub use atomic::write_bytes_atomically;
+pub use atomic::{is_stream, place_of_output, write_bytes_atomically};
 pub use error::ImageError;
 pub use format::png::{encode_png8, write_png8};
 pub use image::{Channel, Encoding, Image};

@@ -89,6 +89,14 @@ pub struct SceneIssue {
     pub problem: String,
 }
 
+/// The largest coordinate, metres. Squares of lengths, and areas by which scenes are divided, stay far below what f32 holds.
+pub const FARTHEST: f32 = 1e12;
+
+/// Whether a position is finite and at most [`FARTHEST`] from each plane through the origin.
+pub(crate) fn is_within_reach(position: Vec3) -> bool {
+    position.abs().cmple(Vec3::splat(FARTHEST)).all()
+}
+
 /// A validated scene. Vertices are finite, indices are in range, triangles have area and are grouped by surface.
 #[derive(Clone, Debug)]
 pub struct Scene {
@@ -141,8 +149,11 @@ impl Scene {
             issue("scene".to_owned(), "has triangles that belong to no surface");
         }
         for vertex in &parts.vertices {
-            if !(vertex.position.is_finite() && vertex.normal.is_finite()) {
-                issue("vertex".to_owned(), "has a position or normal that is not finite");
+            if !(is_within_reach(vertex.position) && vertex.normal.is_finite()) {
+                issue(
+                    "vertex".to_owned(),
+                    "has a position or normal that is not finite, or lies too far off",
+                );
             }
         }
         for material in &parts.materials {

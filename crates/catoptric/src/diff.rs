@@ -10,6 +10,10 @@ use catoptric_diff::{
     parse_limit, run_directories,
 };
 
+use crate::failure::tell;
+use crate::output::check_is_no_input;
+use crate::report;
+
 /// Compares a rendered image, or a directory of them, with a reference.
 ///
 /// Exit codes: 0 within the limits, 1 outside, 2 could not compare. Without limits the images must be equal.
@@ -82,7 +86,7 @@ pub(crate) fn run(args: &DiffArgs) -> ExitCode {
         Ok(false) => ExitCode::from(1),
         Err(Failure(message)) => {
             if !message.is_empty() {
-                eprintln!("catoptric diff: {message}");
+                tell(format_args!("catoptric diff: {message}"));
             }
             ExitCode::from(2)
         }
@@ -118,17 +122,24 @@ fn compare_files(args: &DiffArgs) -> Result<bool, Failure> {
     if directories(args)? {
         return compare_directories(args, &job);
     }
+    if let Some(page) = &args.html {
+        let also = [&args.mask, &args.limits].into_iter().flatten();
+        let inputs: Vec<&Path> =
+            [&args.test, &args.reference].into_iter().chain(also).map(PathBuf::as_path).collect();
+        check_is_no_input(page, &inputs).map_err(|error| Failure(error.to_string()))?;
+    }
     let outcome = catoptric_diff::run(&job, &args.test, &args.reference)?;
     if args.json {
-        print_json(&outcome.to_json(&args.test, &args.reference));
+        print_json(&outcome.to_json(&args.test, &args.reference))?;
     } else {
-        print_outcome(&outcome, args);
+        print_outcome(&outcome, args)?;
     }
     Ok(outcome.within())
 }
 
 fn compare_directories(args: &DiffArgs, job: &Job) -> Result<bool, Failure> {
     let mut objects = Vec::new();
+    let mut printed = Ok(());
     let entries = run_directories(job, &args.test, &args.reference, |entry, outcome| {
         if args.json {
             let name = Path::new(&entry.name);
@@ -137,11 +148,13 @@ fn compare_directories(args: &DiffArgs, job: &Job) -> Result<bool, Failure> {
                 serde_json::json!({ "name": entry.name, "state": describe(entry), "outcome": details }),
             );
         } else if !args.quiet || entry.state != EntryState::Within {
-            println!("{}: {}", entry.name, describe(entry));
+            let line = print(&format!("{}: {}\n", entry.name, describe(entry)));
+            printed = std::mem::replace(&mut printed, Ok(())).and(line);
         }
     })?;
+    printed?;
     if args.json {
-        print_json(&serde_json::Value::Array(objects));
+        print_json(&serde_json::Value::Array(objects))?;
     }
     if entries.iter().any(|e| matches!(e.state, EntryState::Failed(_))) {
         return Err(Failure(String::new()));
@@ -167,11 +180,11 @@ fn approve_files(args: &DiffArgs) -> Result<bool, Failure> {
         Approval { limits: limits(args)?, loosen: args.loosen, note: args.note.clone(), date: today() };
     if args.test.is_dir() {
         for name in approve_directory(&args.test, &args.reference, &approval)? {
-            println!("approved {}", args.reference.join(name).display());
+            print(&format!("approved {}\n", args.reference.join(name).display()))?;
         }
     } else {
         approve(&args.test, &args.reference, &approval)?;
-        println!("approved {}", args.reference.display());
+        print(&format!("approved {}\n", args.reference.display()))?;
     }
     Ok(true)
 }
@@ -194,37 +207,43 @@ fn directories(args: &DiffArgs) -> Result<bool, Failure> {
     }
 }
 
-fn print_json(value: &serde_json::Value) {
-    println!("{value:#}");
+/// Prints text; a reader that has gone away is no failure.
+fn print(text: &str) -> Result<(), Failure> {
+    report::print(text).map_err(|error| Failure(error.to_string()))
 }
 
-fn print_outcome(outcome: &Outcome, args: &DiffArgs) {
+fn print_json(value: &serde_json::Value) -> Result<(), Failure> {
+    print(&format!("{value:#}\n"))
+}
+
+fn print_outcome(outcome: &Outcome, args: &DiffArgs) -> Result<(), Failure> {
+    let mut lines: Vec<String> = Vec::new();
     if !args.quiet {
         for layer in &outcome.comparison.layers {
-            println!("{}", layer.title());
+            lines.push(layer.title().to_owned());
             for reading in &layer.readings {
                 let at = reading.at.map_or(String::new(), |[x, y]| format!("  at {x},{y}"));
-                println!("  {:<16} {:<12.6}{at}", reading.name, Number(reading.value));
+                lines.push(format!("  {:<16} {:<12.6}{at}", reading.name, Number(reading.value)));
             }
             if let Some(noise) = &layer.noise {
                 let verdict = if noise.explained { "explains" } else { "does not explain" };
-                println!("  the reference's noise {verdict} the difference");
+                lines.push(format!("  the reference's noise {verdict} the difference"));
             }
         }
-        for note in &outcome.notes {
-            println!("{note}");
-        }
+        lines.extend(outcome.notes.iter().map(ToString::to_string));
     }
     for check in outcome.checks.iter().filter(|check| !check.holds) {
         let layer = if check.layer.is_empty() { String::new() } else { format!("{}:", check.layer) };
-        println!("OUTSIDE: {layer}{} is {}, the limit {}", check.metric, Number(check.value), check.limit);
+        let (metric, value, limit) = (&check.metric, Number(check.value), &check.limit);
+        lines.push(format!("OUTSIDE: {layer}{metric} is {value}, the limit {limit}"));
     }
     if let Some(path) = &args.html {
-        println!("report: {}", path.display());
+        lines.push(format!("report: {}", path.display()));
     }
     if !args.quiet && outcome.within() {
-        println!("within limits");
+        lines.push("within limits".to_owned());
     }
+    lines.iter().try_for_each(|line| print(&format!("{line}\n")))
 }
 
 /// A number that keeps six digits whatever its size.

@@ -56,6 +56,12 @@ impl From<catoptric_image::ImageError> for Failure {
     }
 }
 
+/// Says something on standard error. Whoever closed it, or let it fill up, has the exit code.
+pub(crate) fn tell(text: impl fmt::Display) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
 /// The candidate that was probably meant by `text`.
 pub(crate) fn did_you_mean<'a>(text: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let lower = text.to_lowercase();

@@ -2,6 +2,8 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::failure::tell;
+
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 /// Whether the running stage asks [`requested`] often enough.
 static LISTENING: AtomicBool = AtomicBool::new(false);
@@ -14,13 +16,13 @@ pub(crate) fn install() {
     let handler = || {
         let again = REQUESTED.swap(true, Ordering::Relaxed);
         if again || !LISTENING.load(Ordering::Relaxed) {
-            eprintln!("\nerror: interrupted");
+            tell("\nerror: interrupted");
             std::process::exit(i32::from(EXIT_CODE));
         }
     };
     // Without the handler the system's own one ends the program: outputs are renamed into place, so none is torn.
     if let Err(error) = ctrlc::set_handler(handler) {
-        eprintln!("warning: Ctrl-C will end the program at once: {error}");
+        tell(format_args!("warning: Ctrl-C will end the program at once: {error}"));
     }
 }
 

@@ -32,7 +32,7 @@ fn main() -> ExitCode {
     match run(&cli.command) {
         Ok(code) => code,
         Err(failure) => {
-            eprintln!("error: {failure}");
+            failure::tell(format_args!("error: {failure}"));
             ExitCode::from(failure.exit_code())
         }
     }

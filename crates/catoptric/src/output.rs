@@ -1,9 +1,10 @@
 //! Where results go: names for cameras and frames, and whether a file can be written before hours are spent on it.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use catoptric_image::tone::{Curve, ToneMap, auto_exposure, to_srgb8};
-use catoptric_image::{Image, write_png8};
+use catoptric_image::{Image, is_stream, place_of_output, write_png8};
 
 use catoptric_render::lines;
 
@@ -153,13 +154,28 @@ fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
-/// Says now, not after the work, that `path` cannot be written or would overwrite an input.
+/// Where a file lies or will lie, whatever leads to it.
+fn place(path: &Path) -> PathBuf {
+    let path = place_of_output(path);
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    match (path.canonicalize(), folder.canonicalize(), path.file_name()) {
+        (Ok(place), ..) => place,
+        (Err(_), Ok(folder), Some(name)) => folder.join(name),
+        _ => path,
+    }
+}
+
+/// Says now, not after the work, that `path` cannot be written or would overwrite an input. Devices and pipes are written to as they are.
 pub(crate) fn check(path: &Path, inputs: &[&Path]) -> Result<(), Failure> {
     let shown = path.display();
     if path.is_dir() {
         return Err(Failure::run(format_args!("{shown}: is a folder"), "name a file in it, like out.exr"));
     }
-    let folder = match path.parent() {
+    if is_stream(path) {
+        return Ok(());
+    }
+    let target = place_of_output(path);
+    let folder = match target.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
@@ -178,9 +194,13 @@ pub(crate) fn check(path: &Path, inputs: &[&Path]) -> Result<(), Failure> {
             ),
         ));
     }
-    let same =
-        |input: &&Path| matches!((path.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
-    if inputs.iter().any(same) {
+    check_is_no_input(path, inputs)
+}
+
+/// Checks that a file that will be written is none of those that are read.
+pub(crate) fn check_is_no_input(path: &Path, inputs: &[&Path]) -> Result<(), Failure> {
+    let (own, shown) = (place(path), path.display());
+    if !is_stream(path) && inputs.iter().any(|input| place(input) == own) {
         return Err(Failure::usage(
             format_args!("{shown}: is an input of this command and would be overwritten"),
             "name another output",
@@ -189,17 +209,37 @@ pub(crate) fn check(path: &Path, inputs: &[&Path]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Checks that no two outputs are the same file.
+/// Checks that no two outputs are the same file, by whatever names.
 pub(crate) fn check_distinct(paths: &[PathBuf]) -> Result<(), Failure> {
-    let mut sorted: Vec<&PathBuf> = paths.iter().collect();
+    let files = paths.iter().filter(|path| !is_stream(path));
+    let mut sorted: Vec<(PathBuf, &PathBuf)> = files.map(|path| (place(path), path)).collect();
     sorted.sort();
-    match sorted.windows(2).find(|pair| pair[0] == pair[1]) {
+    match sorted.windows(2).find(|pair| pair[0].0 == pair[1].0) {
         None => Ok(()),
         Some(pair) => Err(Failure::usage(
-            format_args!("{}: is named for two outputs", pair[0].display()),
+            format_args!("{}: is named for two outputs", pair[0].1.display()),
             "give each output its own name",
         )),
     }
+}
+
+/// Bytes of a camera's name in a file's, at most: file systems hold 255, with the output's own name, frames and endings.
+const MOST_OF_NAME: usize = 100;
+
+/// Names for files, of so many cameras: no two are the same, whatever file systems cannot tell apart in them.
+pub(crate) fn file_names<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
+    let mut taken: HashSet<String> = HashSet::new();
+    let free = |name: &str| {
+        let mut own = in_file_name(name);
+        while own.len() > MOST_OF_NAME {
+            own.pop();
+        }
+        let numbered = (2..).map(|number| format!("{own}_{number}"));
+        let found =
+            std::iter::once(own.clone()).chain(numbered).find(|name| taken.insert(name.to_lowercase()));
+        found.unwrap_or(own)
+    };
+    names.map(free).collect()
 }
 
 #[cfg(test)]
@@ -226,5 +266,15 @@ mod tests {
         assert!(matches!(new("a.pfm", &[Layers::Mesh]), Err(Failure::Usage(_))));
         assert!(matches!(check(Path::new("no/such/folder/a.exr"), &[]), Err(Failure::Run(_))));
         assert!(check_distinct(&["a.png".into(), "b.png".into(), "a.png".into()]).is_err());
+        assert!(check_distinct(&["a.png".into(), "./a.png".into()]).is_err());
+        assert!(check_distinct(&["a.png".into(), "b.png".into()]).is_ok());
+    }
+
+    #[test]
+    fn cameras_have_files_of_their_own() {
+        let long = "ü".repeat(200);
+        let names = file_names(["a/b", "a_b", "A_B", "\u{7}", &long].into_iter());
+        assert_eq!(names[..4], ["a_b", "a_b_2", "A_B_3", "_"]);
+        assert!(names[4].len() <= MOST_OF_NAME && names[4].starts_with('ü'));
     }
 }

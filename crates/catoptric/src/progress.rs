@@ -9,6 +9,7 @@ use catoptric_scene::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
+use crate::failure::tell;
 use crate::interrupt;
 
 /// A plain line comes after a tenth of the stage, but not more often than this ...
@@ -103,8 +104,8 @@ impl Reporter {
         }
         let state = self.shared.state();
         match state.running.as_ref().and_then(|running| running.bar.as_ref()) {
-            Some(bar) => bar.suspend(|| eprintln!("{text}")),
-            None => eprintln!("{text}"),
+            Some(bar) => bar.suspend(|| tell(text)),
+            None => tell(text),
         }
     }
 
@@ -143,7 +144,7 @@ impl State {
             bar.finish_and_clear();
         }
         if voice == Voice::Lines && seconds >= SHORTEST_PAUSE.as_secs_f64() {
-            eprintln!("{}: done in {seconds:.1} s", running.name);
+            tell(format_args!("{}: done in {seconds:.1} s", running.name));
         }
         match self.times.iter_mut().find(|time| time.name == running.name) {
             Some(time) => {
@@ -168,7 +169,8 @@ impl State {
             let context =
                 if self.context.is_empty() { String::new() } else { format!(" ({})", self.context) };
             let share = percent.map_or(String::new(), |percent| format!("{percent} % after "));
-            eprintln!("{}{context}: {share}{:.0} s", running.name, running.started.elapsed().as_secs_f64());
+            let seconds = running.started.elapsed().as_secs_f64();
+            tell(format_args!("{}{context}: {share}{seconds:.0} s", running.name));
         }
     }
 }

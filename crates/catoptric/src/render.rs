@@ -39,7 +39,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let light = args.solution.as_deref().map_or(Light::Own, Light::Beside);
     let mut input = Input::read_with(&args.scene, args.transport.sky.as_ref(), &args.transport.ies, light)?;
     let views = views(args, &input)?;
-    check_outputs(args, &outputs, &views, report_file.as_deref())?;
+    check_outputs(args, &outputs, &views, report_file.as_deref(), &input)?;
     if let Some(solution) = &input.solution {
         check_settings(args, solution)?;
     }
@@ -115,6 +115,7 @@ fn views(args: &RenderArgs, input: &Input) -> Result<Vec<View>, Failure> {
         None => vec![None],
         Some(frames) => (frames.first..=frames.last).map(Some).collect(),
     };
+    let file_names = output::file_names(rest.iter().map(|camera| camera.name.as_str()));
     let mut views = Vec::new();
     for frame in frames {
         let moved = frame.map(|frame| input.cameras.at((f64::from(frame) / args.fps) as f32));
@@ -123,7 +124,7 @@ fn views(args: &RenderArgs, input: &Input) -> Result<Vec<View>, Failure> {
             let camera = cameras[index].clone();
             let (width, height) = args.size.pixels(&camera).map_err(Failure::Usage)?;
             let several = args.camera == CameraChoice::All && chosen.len() > 1;
-            let tag = Tag { camera: several.then(|| camera.name.clone()), frame };
+            let tag = Tag { camera: several.then(|| file_names[index].clone()), frame };
             views.push(View { camera, tag, width, height });
         }
     }
@@ -149,13 +150,16 @@ fn check_outputs(
     outputs: &Outputs,
     views: &[View],
     report: Option<&Path>,
+    input: &Input,
 ) -> Result<(), Failure> {
     let sky_file = match &args.transport.sky {
         Some(crate::value::SkySource::File(path)) => Some(path.as_path()),
         _ => None,
     };
+    let named = [Some(args.scene.as_path()), args.solution.as_deref(), sky_file].into_iter().flatten();
+    let photometry = args.transport.ies.iter().map(|light| light.file.as_path());
     let inputs: Vec<&Path> =
-        [Some(args.scene.as_path()), args.solution.as_deref(), sky_file].into_iter().flatten().collect();
+        named.chain(photometry).chain(input.asset.files().iter().map(PathBuf::as_path)).collect();
     let mut paths: Vec<PathBuf> = views.iter().flat_map(|view| outputs.paths(&view.tag)).collect();
     paths.extend(report.map(Path::to_owned));
     output::check_distinct(&paths)?;

@@ -37,6 +37,25 @@ fn help_of_every_command_shows_examples_defaults_and_exit_codes() {
 }
 
 #[test]
+fn outputs_are_told_apart_by_where_they_lie() {
+    let bench = Bench::new();
+    let run = bench.render(&["-o", "out.png", "--preview", "./out.png", "--size", "8"]);
+    assert_eq!(run.code, 2, "{}", run.stderr);
+    assert!(run.stderr.contains("two outputs"), "{}", run.stderr);
+}
+
+#[cfg(unix)]
+#[test]
+fn links_and_devices_are_written_through() {
+    let bench = Bench::new();
+    std::os::unix::fs::symlink("real.exr", bench.path("link.exr")).expect("linked");
+    let run = bench.render(&["-o", "link.exr", "--size", "8", "-q", "--json=/dev/null"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(bench.path("link.exr").is_symlink() && bench.path("real.exr").is_file());
+    assert!(!std::path::Path::new("/dev/null").is_file());
+}
+
+#[test]
 fn render_writes_the_image_the_preview_and_a_report_with_the_promised_keys() {
     let bench = Bench::new();
     let run = bench.render(&["-o", "out.exr", "--preview", "out.png", "--size", "40x24", "--json"]);

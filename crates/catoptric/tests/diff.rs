@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use catoptric_image::Image;
+use catoptric_image::{Channel, Image};
 
 fn diff(arguments: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_catoptric"));
@@ -77,6 +77,68 @@ fn exit_codes_are_0_within_1_outside_2_not_compared() {
     let output = diff(&[text(&small), b]);
     assert_eq!(output.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&output.stderr).contains("[2, 2]"), "{output:?}");
+}
+
+#[test]
+fn images_are_not_equal_by_what_one_of_them_does_not_hold() {
+    let files = Files::new();
+    let with = |name: &str, hole: f32, depth: f32| {
+        let mut image = Image::from_rgb(8, 8, &[[0.5; 3]; 64]);
+        image.channels[0].samples[9] = hole;
+        image.channels.push(Channel { name: "depth.Z".into(), samples: vec![depth; 64] });
+        let path = files.path(name);
+        image.write_exr(&path).expect("written");
+        path
+    };
+    let whole = with("whole.exr", 0.5, 1.0);
+    let (holed, farther) = (with("holed.exr", f32::NAN, 1.0), with("farther.exr", 0.5, 3.0));
+    assert_eq!(code(&[text(&holed), text(&holed)]), 0);
+    assert_eq!(code(&[text(&whole), text(&holed)]), 1);
+    assert_eq!(code(&[text(&whole), text(&farther)]), 1);
+    assert_eq!(code(&[text(&whole), text(&farther), "--max", "relMSE=0"]), 0, "a limit of the beauty");
+    let nothing = files.image("nothing.exr", f32::NAN);
+    let grey = files.image("grey.exr", 0.5);
+    assert_eq!(code(&[text(&grey), text(&nothing)]), 2);
+    assert_eq!(code(&[text(&grey), text(&nothing), "--max", "relMSE=1"]), 2);
+}
+
+#[test]
+fn a_report_overwrites_no_input() {
+    let files = Files::new();
+    let (a, b) = (files.image("a.exr", 0.5), files.image("b.exr", 0.5));
+    let before = std::fs::read(&b).expect("it is there");
+    assert_eq!(code(&[text(&a), text(&b), "--html", text(&files.path("./b.exr"))]), 2);
+    assert_eq!(std::fs::read(&b).expect("it is there"), before);
+}
+
+#[test]
+fn approval_knows_the_names_of_limits() {
+    let files = Files::new();
+    let (a, b) = (files.image("a.exr", 0.5), files.path("b.exr"));
+    assert_eq!(code(&[text(&a), text(&b), "--approve", "--max", "foo=1"]), 2);
+    assert!(!b.exists());
+    assert_eq!(code(&[text(&a), text(&b), "--approve", "--max", "p99.9_rel=1", "--max", "direct:MSE=1"]), 0);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn streams_that_take_nothing_are_no_panic() {
+    let files = Files::new();
+    let a = files.image("a.exr", 0.5);
+    let run = |out: &str, err: &str, arguments: &[&str]| {
+        let stream = |path: &str| std::fs::OpenOptions::new().write(true).open(path).expect("Linux has it");
+        let mut command = Command::new(env!("CARGO_BIN_EXE_catoptric"));
+        command
+            .args(arguments)
+            .stdout(stream(out))
+            .stderr(stream(err))
+            .status()
+            .expect("the binary runs")
+            .code()
+    };
+    assert_eq!(run("/dev/full", "/dev/null", &["diff", text(&a), text(&a)]), Some(2));
+    assert_eq!(run("/dev/null", "/dev/full", &["diff", text(&a), "missing.exr"]), Some(2));
+    assert_eq!(run("/dev/null", "/dev/full", &["info", "missing.glb"]), Some(1));
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use serde_json::{Map, Value};
 
@@ -20,6 +21,8 @@ pub struct Asset {
     pub(super) broken_views: BTreeMap<usize, BrokenData>,
     /// Images whose bytes are not there, and why.
     pub(super) broken_images: BTreeMap<usize, BrokenData>,
+    /// Files beside the source that were read.
+    pub(super) files: Vec<PathBuf>,
 }
 
 /// Why some bytes are missing: a problem only if they are used.
@@ -35,7 +38,18 @@ impl Asset {
     pub fn empty() -> Self {
         let mut json = Map::new();
         json.insert("asset".to_owned(), serde_json::json!({ "version": "2.0", "generator": "Catoptric" }));
-        Self { json, blob: Vec::new(), broken_views: BTreeMap::new(), broken_images: BTreeMap::new() }
+        Self {
+            json,
+            blob: Vec::new(),
+            broken_views: BTreeMap::new(),
+            broken_images: BTreeMap::new(),
+            files: Vec::new(),
+        }
+    }
+
+    /// Canonical paths of the files beside the source that were read for it: buffers and images.
+    pub fn files(&self) -> &[PathBuf] {
+        &self.files
     }
 
     /// The file's JSON.

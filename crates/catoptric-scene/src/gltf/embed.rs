@@ -1,7 +1,5 @@
 //! From a file that names others to a self-contained [`Asset`].
 
-use std::collections::BTreeMap;
-
 use serde_json::{Map, Value};
 
 use super::asset::{Asset, BrokenData};
@@ -31,11 +29,11 @@ pub(super) fn embed(
     folder: &mut Folder,
     report: &Report,
 ) -> Asset {
-    let mut asset =
-        Asset { json, blob: Vec::new(), broken_views: BTreeMap::new(), broken_images: BTreeMap::new() };
+    let mut asset = Asset { json, ..Asset::empty() };
     let placed = place_buffers(&mut asset, bin, folder, report);
     rewrite_views(&mut asset, &placed, report);
     embed_images(&mut asset, folder, report);
+    asset.files = std::mem::take(&mut folder.files);
 
     // Chunks are padded to four bytes: with the padding in it the blob survives writing and reading.
     asset.blob.resize(asset.blob.len().next_multiple_of(4), 0);

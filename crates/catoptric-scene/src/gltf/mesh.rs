@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DMat4, DQuat, DVec3, Vec2, Vec3, Vec4};
 
 use crate::id::{MaterialId, SurfaceId};
-use crate::scene::{SceneParts, Surface, Triangle, Vertex};
+use crate::scene::{FARTHEST, SceneParts, Surface, Triangle, Vertex, is_within_reach};
 
 use super::accessor::{Accessor, Component};
 use super::asset::Asset;
@@ -324,7 +324,8 @@ impl<'a> MeshReader<'a> {
                     None => {
                         let place = format!("surface {name:?}, POSITION of vertex {vertex}");
                         let hint = "the mesh is damaged: repair it in the authoring program";
-                        self.report.problem(place, "finite numbers", "infinity or NaN", hint);
+                        let expected = format_args!("coordinates of at most {FARTHEST:e} m");
+                        self.report.problem(place, expected, "more, infinity or NaN", hint);
                         return None;
                     }
                 }
@@ -399,7 +400,7 @@ impl Losses {
 }
 
 impl Attributes<'_> {
-    /// A vertex in world space; None if its position is not finite.
+    /// A vertex in world space; None if it is nowhere.
     fn vertex(&self, index: usize, world: &DMat4, losses: &mut Losses) -> Option<Vertex> {
         let skinned = self.skin.as_ref().map(|skin| skin.matrix(index));
         if skinned == Some(None) {
@@ -408,7 +409,7 @@ impl Attributes<'_> {
         let world = skinned.flatten().unwrap_or(*world);
         let position = self.morph.position(index, vector(self.position.get(index)));
         let position = world.transform_point3(position).as_vec3();
-        if !position.is_finite() {
+        if !is_within_reach(position) {
             return None;
         }
         let linear = DMat3::from_mat4(world);

@@ -17,13 +17,15 @@ const OWN_FOLDER: &str =
 pub(super) struct Folder {
     root: Option<PathBuf>,
     remaining: u64,
+    /// Canonical paths of what was read.
+    pub(super) files: Vec<PathBuf>,
 }
 
 impl Folder {
     /// The folder of `file`; `budget` bytes may be read from it.
     pub(super) fn of(file: &Path, budget: u64) -> Self {
         let parent = file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        Self { root: parent.canonicalize().ok(), remaining: budget }
+        Self { root: parent.canonicalize().ok(), remaining: budget, files: Vec::new() }
     }
 
     /// The bytes behind a URI, and the media type if it names one.
@@ -91,6 +93,7 @@ impl Folder {
     fn read_file(&mut self, path: &Path) -> Result<Vec<u8>, String> {
         let (bytes, rest) = read_limited(path, self.remaining)?;
         self.remaining = rest;
+        self.files.push(path.to_owned());
         Ok(bytes)
     }
 }

@@ -33,6 +33,17 @@ fn all_problems_of_a_file_come_in_one_report_with_names() {
 }
 
 #[test]
+fn what_is_farther_off_than_anything_is_refused() {
+    for (far, is_refused) in [(1e11, false), (1e13, true)] {
+        let mut builder = Builder::new();
+        let position = builder.floats(&[0.0, 0.0, 0.0, far, 0.0, 0.0, 0.0, 1.0, 0.0], "VEC3");
+        builder.show("burst", json!({ "attributes": { "POSITION": position } }));
+        let text = builder.try_load().map_or_else(|error| error.to_string(), |_| String::new());
+        assert_eq!(text.contains("vertex 1"), is_refused, "{text}");
+    }
+}
+
+#[test]
 fn a_required_extension_that_cannot_be_read_is_refused_with_what_to_do() {
     for (extension, hint) in [
         ("KHR_draco_mesh_compression", "gltf-transform"),
