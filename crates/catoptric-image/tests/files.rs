@@ -72,6 +72,22 @@ fn pfm_keeps_rows_and_floats() {
     assert_eq!(back.rgb(""), image.rgb(""));
 }
 
+/// A flat image of one code: 128 is a half, and the exponent 129 doubles it.
+#[test]
+fn exposure_and_colour_correction_of_radiance_hdr_are_divided_out() {
+    let read = |header: &str| {
+        let text = format!("{header}FORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n");
+        let bytes = [text.as_bytes(), &[128, 128, 128, 129]].concat();
+        Image::decode(&bytes, &ReadLimits::default()).map(|image| image.rgb("").expect("colour")[0])
+    };
+    let plain = read("#?RADIANCE\n").expect("read");
+    assert_eq!(read("#?RGBE\n").expect("read"), plain);
+    assert_eq!(read("#?RADIANCE\nEXPOSURE=2\nEXPOSURE=4\n").expect("read"), plain.map(|v| v / 8.0));
+    let corrected = read("#?RADIANCE\nCOLORCORR=1 2 4\n").expect("read");
+    assert_eq!(corrected, [plain[0], plain[1] / 2.0, plain[2] / 4.0]);
+    assert!(read("#?RADIANCE\nEXPOSURE=0\n").is_err());
+}
+
 #[test]
 fn radiance_hdr_is_read() {
     let mut bytes = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n".to_vec();

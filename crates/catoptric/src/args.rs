@@ -248,7 +248,8 @@ pub(crate) struct FormFactorsArgs {
     #[arg(long)]
     pub(crate) repair: bool,
 
-    /// Reflections and refractions in a row after which a path is given up (and booked).
+    /// Reflections and refractions in a row after which a path of `rays` and `hemicube` is given up (and booked). `area` and `analytic` take
+    /// images in planar mirrors, of up to eight reflections.
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub(crate) max_depth: u32,
 
@@ -288,7 +289,8 @@ pub(crate) struct TransportArgs {
     #[arg(long, value_enum, default_value_t = QualityWord::Standard)]
     pub(crate) quality: QualityWord,
 
-    /// Reflections and refractions in a row after which a path is given up (and booked).
+    /// Reflections and refractions in a row after which a path is given up (and booked). Light of lamps by way of planar mirrors is not
+    /// followed but taken from images, of up to eight reflections.
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub(crate) max_depth: u32,
 

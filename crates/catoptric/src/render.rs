@@ -10,7 +10,7 @@ use catoptric_scene::{Camera, Progress};
 use catoptric_solution::Solution;
 use catoptric_trace::{Accelerator, Tracer};
 
-use crate::args::{Direct, Layers, RenderArgs};
+use crate::args::{Direct, Layers, Reconstruct, RenderArgs, Shading, TransportArgs};
 use crate::failure::{Failure, did_you_mean};
 use crate::input::{Input, Light};
 use crate::output::{self, Outputs, Tag, in_file_name};
@@ -180,7 +180,25 @@ fn check_settings(args: &RenderArgs, solution: &Solution) -> Result<(), Failure>
             "solve the source scene again with --plain, or leave it out",
         ));
     }
-    Ok(())
+    let TransportArgs { method, solver, residual, max_steps, reconstruct, shading, .. } = &args.transport;
+    let given = [
+        ("--method", method.is_some()),
+        ("--solver", solver.is_some()),
+        ("--residual", residual.is_some()),
+        ("--max-steps", max_steps.is_some()),
+        ("--reconstruct", *reconstruct != Reconstruct::Gather),
+        ("--shading", *shading != Shading::Gouraud),
+    ];
+    match given.iter().find(|(_, is_given)| *is_given) {
+        None => Ok(()),
+        Some((option, _)) => {
+            let file = args.solution.as_ref().unwrap_or(&args.scene);
+            Err(Failure::usage(
+                format_args!("{option}: the light of {} was solved before", file.display()),
+                format_args!("solve the source scene again with {option}, or leave it out"),
+            ))
+        }
+    }
 }
 
 fn params(args: &RenderArgs, solution: &Solution, view: &View) -> RenderParams {

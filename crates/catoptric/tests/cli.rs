@@ -44,6 +44,19 @@ fn outputs_are_told_apart_by_where_they_lie() {
     assert!(run.stderr.contains("two outputs"), "{}", run.stderr);
 }
 
+#[test]
+fn options_of_pass_one_do_not_change_light_that_is_there() {
+    let bench = Bench::new();
+    assert_eq!(bench.run(&["solve", "scene.gltf", "--quality", "draft", "-o", "solved.glb"]).code, 0);
+    let view = ["render", "solved.glb", "--size", "8", "-q", "-o", "out.png"];
+    assert_eq!(bench.run(&view).code, 0);
+    for option in [&["--method", "area"][..], &["--solver", "jacobi"], &["--shading", "flat"]] {
+        let run = bench.run(&[&view[..], option].concat());
+        assert_eq!(run.code, 2, "{}", run.stderr);
+        assert!(run.stderr.contains(option[0]), "{}", run.stderr);
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn links_and_devices_are_written_through() {
