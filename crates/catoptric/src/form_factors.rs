@@ -15,6 +15,7 @@ use catoptric_trace::Tracer;
 use crate::args::{By, FormFactorsArgs};
 use crate::failure::Failure;
 use crate::input::{Input, Light};
+use crate::interrupt;
 use crate::npz::Npz;
 use crate::output;
 use crate::progress::Reporter;
@@ -137,6 +138,7 @@ pub(crate) fn run(args: &FormFactorsArgs) -> Result<(), Failure> {
     });
     let closure = if repair.is_some() { matrix.closure(&weights) } else { before.clone() };
 
+    interrupt::write();
     let outputs = match format {
         Format::Csv => {
             write(&path, csv(&matrix, &set).as_bytes())?;

@@ -92,6 +92,12 @@ impl Reporter {
         interrupt::listen(false);
     }
 
+    /// Begins to write outputs, which is not ended midway.
+    pub(crate) fn begin_write(&self) {
+        self.begin("write", 0);
+        interrupt::write();
+    }
+
     /// Ends the current stage.
     pub(crate) fn end(&self) {
         self.shared.state().end(self.shared.voice);

@@ -6,7 +6,7 @@ use catoptric_image::Image;
 use catoptric_radiosity::Solved;
 use catoptric_render::direct::{DirectLight, ShadowRays};
 use catoptric_render::{RenderParams, Rendered, render};
-use catoptric_scene::{Camera, Progress};
+use catoptric_scene::Camera;
 use catoptric_solution::Solution;
 use catoptric_trace::{Accelerator, Tracer};
 
@@ -40,6 +40,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let mut input = Input::read_with(&args.scene, args.transport.sky.as_ref(), &args.transport.ies, light)?;
     let views = views(args, &input)?;
     check_outputs(args, &outputs, &views, report_file.as_deref(), &input)?;
+    check_memory(&views)?;
     if let Some(solution) = &input.solution {
         check_settings(args, solution)?;
     }
@@ -74,7 +75,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
         let Rendered { mut image, report } =
             render(&tracer, &solution, &view.camera, &params(args, &solution, view), &reporter)?;
         describe(&mut image, &solution, view, args);
-        reporter.begin("write", 0);
+        reporter.begin_write();
         let files = outputs.write(&image, &view.tag)?;
         images.push(ImageSummary {
             file: files[0].clone(),
@@ -169,6 +170,25 @@ fn check_outputs(
         output::check(path, &inputs)?;
     }
     Ok(())
+}
+
+/// Bytes that a pixel takes while an image is traced: its samples' sums by layer. Measured, in one block.
+const PIXEL_BYTES: usize = 204;
+
+/// Says now, not after pass one, that there is no memory for an image: a block of it is asked for, and given back untouched.
+fn check_memory(views: &[View]) -> Result<(), Failure> {
+    let Some(largest) = views.iter().max_by_key(|view| view.width * view.height) else { return Ok(()) };
+    let View { width, height, .. } = largest;
+    let bytes = width.saturating_mul(*height).saturating_mul(PIXEL_BYTES);
+    Vec::<u8>::new().try_reserve_exact(bytes).map_err(|_| {
+        let gigabytes = bytes as f64 * 1e-9;
+        Failure::run(
+            format_args!(
+                "an image of {width}x{height} takes {gigabytes:.1} GB of memory, more than there is"
+            ),
+            "make it smaller: --size 3840",
+        )
+    })
 }
 
 /// Options of pass one cannot change light that was computed before.

@@ -7,7 +7,7 @@ use catoptric_radiosity::Solved;
 use catoptric_radiosity::frames::Frames;
 use catoptric_render::direct::DirectLight;
 use catoptric_render::{RenderParams, render};
-use catoptric_scene::{Progress, Rgb};
+use catoptric_scene::Rgb;
 use catoptric_solution::file;
 use catoptric_trace::Tracer;
 
@@ -63,7 +63,7 @@ pub(crate) fn run(args: &SolveArgs) -> Result<(), Failure> {
         written.extend(snapshots(args, &tracer, frames, folder, &reporter)?);
     }
 
-    reporter.begin("write", 0);
+    reporter.begin_write();
     file::append(&mut input.asset, &input.scene, &solution)
         .and_then(|()| input.asset.to_glb().map_err(Into::into))
         .map_err(|error| Failure::Run(format!("{}: {error}", path.display())))

@@ -78,7 +78,8 @@ impl FromStr for Frames {
             return Err(format!("the last frame {last} is before the first, {first}"));
         }
         if last - first >= MOST_FRAMES {
-            return Err(format!("{} frames are more than the limit of {MOST_FRAMES}", last - first + 1));
+            let count = u64::from(last - first) + 1;
+            return Err(format!("{count} frames are more than the limit of {MOST_FRAMES}"));
         }
         Ok(Self { first, last })
     }
@@ -176,6 +177,9 @@ mod tests {
         for bad in ["", "5..3", "a..b", "..", "1..", "-1..2", "0..4000000000"] {
             assert!(bad.parse::<Frames>().is_err(), "{bad}");
         }
+        // One more than a u32 holds.
+        let error = "0..4294967295".parse::<Frames>().expect_err("too many");
+        assert!(error.starts_with("4294967296 frames"), "{error}");
     }
 
     #[test]

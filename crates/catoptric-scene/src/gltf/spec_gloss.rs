@@ -22,10 +22,13 @@ pub(super) fn convert(diffuse: Rgb, specular: Rgb) -> Converted {
     const TINY: f32 = 1e-6;
     let one_minus_specular = 1.0 - specular.max_element();
     let metallic = solve_metallic(brightness(diffuse), brightness(specular), one_minus_specular);
-    let from_diffuse = diffuse * (one_minus_specular / (1.0 - DIELECTRIC) / (1.0 - metallic).max(TINY));
+    // A coat that reflects less takes less of what is below.
+    let share = (specular.max_element() / DIELECTRIC).min(1.0);
+    let from_diffuse =
+        diffuse * (one_minus_specular / (1.0 - DIELECTRIC * share) / (1.0 - metallic).max(TINY));
     let from_specular = (specular - Rgb::splat(DIELECTRIC * (1.0 - metallic))) / metallic.max(TINY);
     let base_color = from_diffuse.lerp(from_specular, metallic * metallic).clamp(Rgb::ZERO, Rgb::ONE);
-    Converted { base_color, metallic, specular: (specular.max_element() / DIELECTRIC).min(1.0) }
+    Converted { base_color, metallic, specular: share }
 }
 
 fn brightness(color: Rgb) -> f32 {
@@ -66,6 +69,11 @@ mod tests {
 
     #[test]
     fn a_black_specular_colour_means_no_coat() {
-        assert_eq!(convert(Rgb::splat(0.5), Rgb::ZERO).specular, 0.0);
+        for level in [0.0, 0.02] {
+            let converted = convert(Rgb::splat(0.5), Rgb::splat(level));
+            assert_eq!(converted.specular, level / DIELECTRIC);
+            // The extension: diffuse · (1 − max specular), of which the coat takes its reflectance.
+            assert!((converted.base_color.x - 0.5).abs() < 1e-6, "{level}");
+        }
     }
 }
