@@ -348,15 +348,27 @@ impl Lamp {
         if plane.distance(self.center) <= -self.radius || self.extent.as_ref().is_some_and(is_behind) {
             Beyond::No
         } else if windows.show_beyond(eye, self.center, self.radius, &plane)
-            || self.round.is_none() && {
-                self.find_behind(&plane, behind);
-                behind.is_empty() || windows.show_none_of(eye, behind)
-            }
+            || self.shows_nothing_behind(&plane, eye, windows, behind)
         {
             Beyond::Wholly
         } else {
             Beyond::Partly
         }
+    }
+
+    /// Whether the windows show nothing of what of it lies where n·x < offset, by its corners: of balls that is known already.
+    fn shows_nothing_behind(
+        &self,
+        plane: &Plane,
+        eye: DVec3,
+        windows: &Windows,
+        behind: &mut Vec<DVec3>,
+    ) -> bool {
+        if self.round.is_some() {
+            return false;
+        }
+        self.find_behind(plane, behind);
+        behind.is_empty() || windows.show_none_of(eye, behind)
     }
 
     /// The corners of what of it lies where n·x < offset.

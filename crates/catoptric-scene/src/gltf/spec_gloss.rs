@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn a_black_specular_colour_means_no_coat() {
+    fn a_coat_is_as_weak_as_the_specular_colour_and_takes_as_little() {
         for level in [0.0, 0.02] {
             let converted = convert(Rgb::splat(0.5), Rgb::splat(level));
             assert_eq!(converted.specular, level / DIELECTRIC);
