@@ -28,7 +28,7 @@ pub use material::{AlphaMode, Material, MaterialReading, SurfacePoint, Transmiss
 pub use photometry::{Photometry, PhotometryError};
 pub use progress::{Cancelled, Progress, Silent};
 pub use quantity::{Irradiance, Radiance, Radiosity, Rgb};
-pub use scene::{Barycentric, Scene, SceneIssue, SceneParts, Surface, Triangle, Vertex};
+pub use scene::{BRIGHTEST, Barycentric, Scene, SceneIssue, SceneParts, Surface, Triangle, Vertex};
 pub use side::Side;
 pub use texture::{Texture, TextureRef, TextureTransform, Wrap};
 pub use union::Union;

@@ -97,6 +97,10 @@ pub(crate) fn is_within_reach(position: Vec3) -> bool {
     position.abs().cmple(Vec3::splat(FARTHEST)).all()
 }
 
+/// The largest radiance (W/(m² sr)), intensity (W/sr) and irradiance (W/m²) of a light. Products of two, as variances are, stay below what f32
+/// holds.
+pub const BRIGHTEST: f32 = 1e15;
+
 /// A validated scene. Vertices are finite, indices are in range, triangles have area and are grouped by surface.
 #[derive(Clone, Debug)]
 pub struct Scene {
@@ -159,8 +163,9 @@ impl Scene {
         for material in &parts.materials {
             let emission = material.emission.0;
             let base = material.base_color;
-            if !(emission.is_finite() && emission.min_element() >= 0.0) {
-                issue(material.name.clone(), "has an emission that is negative or not finite");
+            if !(emission.is_finite() && emission.min_element() >= 0.0 && emission.max_element() <= BRIGHTEST)
+            {
+                issue(material.name.clone(), "has an emission that is negative, not finite or too large");
             }
             if !(base.is_finite() && base.min_element() >= 0.0 && base.max_element() <= 1.0) {
                 issue(material.name.clone(), "has a base colour outside of [0, 1]");

@@ -124,8 +124,7 @@ fn compare_files(args: &DiffArgs) -> Result<bool, Failure> {
     }
     if let Some(page) = &args.html {
         let also = [&args.mask, &args.limits].into_iter().flatten();
-        let inputs: Vec<&Path> =
-            [&args.test, &args.reference].into_iter().chain(also).map(PathBuf::as_path).collect();
+        let inputs: Vec<PathBuf> = [&args.test, &args.reference].into_iter().chain(also).cloned().collect();
         check_is_no_input(page, &inputs).map_err(|error| Failure(error.to_string()))?;
     }
     let outcome = catoptric_diff::run(&job, &args.test, &args.reference)?;

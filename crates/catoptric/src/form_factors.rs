@@ -84,9 +84,13 @@ struct Report {
 pub(crate) fn run(args: &FormFactorsArgs) -> Result<(), Failure> {
     let reporter = Reporter::new(args.run.quiet);
     let (path, format) = check_output(args)?;
+    let report_file = args.run.json.clone().flatten();
 
     reporter.begin_deaf("load");
     let input = Input::read(&args.scene, None, Light::New)?;
+    for output in std::iter::once(&path).chain(&report_file) {
+        output::check_is_no_input(output, &input.files)?;
+    }
     let mut warnings = input.warnings.clone();
     reporter.begin_deaf("tree");
     let tracer = Tracer::new(&input.scene);
@@ -229,7 +233,7 @@ fn check_output(args: &FormFactorsArgs) -> Result<(PathBuf, Format), Failure> {
     let files: Vec<PathBuf> = std::iter::once(path.clone()).chain(args.run.json.clone().flatten()).collect();
     output::check_distinct(&files)?;
     for file in &files {
-        output::check(file, &[&args.scene])?;
+        output::check(file)?;
     }
     Ok((path.clone(), format))
 }

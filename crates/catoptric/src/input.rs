@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use catoptric_image::{Image, ReadLimits};
 use catoptric_scene::gltf::{self, AnimatedCameras, Asset, Described, LoadError, LoadOptions, Unread};
-use catoptric_scene::{Photometry, Radiance, Scene, SceneHash, Sky, SkyImage};
+use catoptric_scene::{BRIGHTEST, Photometry, Radiance, Scene, SceneHash, Sky, SkyImage};
 use catoptric_solution::Solution;
 use catoptric_solution::file::{self, Saved};
 use catoptric_trace::Accelerator;
@@ -18,6 +18,8 @@ pub(crate) struct Input {
     pub(crate) hash: SceneHash,
     /// The file, to be written again with a solution.
     pub(crate) asset: Asset,
+    /// All that was read: no output may take the place of one of them.
+    pub(crate) files: Vec<PathBuf>,
     pub(crate) cameras: AnimatedCameras,
     /// Light that was computed before.
     pub(crate) solution: Option<Solution>,
@@ -51,6 +53,7 @@ impl Input {
         photometry: &[LightFile],
         light: Light,
     ) -> Result<Self, Failure> {
+        let mut files: Vec<PathBuf> = photometry.iter().map(|light| light.file.clone()).collect();
         let photometry = photometry.iter().map(read_photometry).collect::<Result<_, Failure>>()?;
         let options = LoadOptions { photometry, ..LoadOptions::default() };
         let opened = || open(path, || gltf::open(path, &options));
@@ -82,6 +85,12 @@ impl Input {
         let (Described { scene, cameras, warnings }, accelerator) = described;
         let mut warnings: Vec<String> = warnings.iter().map(ToString::to_string).collect();
 
+        files.extend([path.to_owned(), light_file.to_owned()]);
+        files.extend_from_slice(asset.files());
+        if let Some(SkySource::File(image)) = sky {
+            files.push(image.clone());
+        }
+
         // The sky that was asked for, else the one that the solution was made with.
         let (saved_sky, solution) =
             saved.map_or((None, None), |Saved { sky, solution }| (sky, Some(solution)));
@@ -99,7 +108,7 @@ impl Input {
         if let Some(solution) = &solution {
             check_hash(solution, hash, &scene, path, light_file)?;
         }
-        Ok(Self { scene, hash, asset, cameras, solution, accelerator, warnings })
+        Ok(Self { scene, hash, asset, files, cameras, solution, accelerator, warnings })
     }
 }
 
@@ -240,14 +249,16 @@ fn read_sky(source: &SkySource, warnings: &mut Vec<String>) -> Result<Sky, Failu
     }
     let mut impossible = 0_usize;
     for value in texels.as_flattened_mut() {
-        if !(value.is_finite() && *value >= 0.0) {
-            *value = 0.0;
+        if !(0.0..=BRIGHTEST).contains(value) {
+            *value = if value.is_finite() { value.clamp(0.0, BRIGHTEST) } else { 0.0 };
             impossible += 1;
         }
     }
     if impossible > 0 {
         let shown = path.display();
-        warnings.push(format!("{shown}: {impossible} values that are negative or not finite were put to 0"));
+        warnings.push(format!(
+            "{shown}: {impossible} values that are not finite were put to 0, others into the range from 0 to {BRIGHTEST:e}"
+        ));
     }
     Ok(Sky::Image(SkyImage { width: image.width, height: image.height, texels }))
 }

@@ -39,7 +39,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let light = args.solution.as_deref().map_or(Light::Own, Light::Beside);
     let mut input = Input::read_with(&args.scene, args.transport.sky.as_ref(), &args.transport.ies, light)?;
     let views = views(args, &input)?;
-    check_outputs(args, &outputs, &views, report_file.as_deref(), &input)?;
+    check_outputs(&outputs, &views, report_file.as_deref(), &input)?;
     check_memory(&views)?;
     if let Some(solution) = &input.solution {
         check_settings(args, solution)?;
@@ -147,29 +147,20 @@ fn find_camera(name: &str, cameras: &[Camera], file: &Path) -> Result<usize, Fai
 
 /// All outputs of all views can be written, and none is written twice or over an input.
 fn check_outputs(
-    args: &RenderArgs,
     outputs: &Outputs,
     views: &[View],
     report: Option<&Path>,
     input: &Input,
 ) -> Result<(), Failure> {
-    let sky_file = match &args.transport.sky {
-        Some(crate::value::SkySource::File(path)) => Some(path.as_path()),
-        _ => None,
-    };
-    let named = [Some(args.scene.as_path()), args.solution.as_deref(), sky_file].into_iter().flatten();
-    let photometry = args.transport.ies.iter().map(|light| light.file.as_path());
-    let inputs: Vec<&Path> =
-        named.chain(photometry).chain(input.asset.files().iter().map(PathBuf::as_path)).collect();
     let mut paths: Vec<PathBuf> = views.iter().flat_map(|view| outputs.paths(&view.tag)).collect();
     paths.extend(report.map(Path::to_owned));
     output::check_distinct(&paths)?;
     // All lie in the folders of the first view's outputs; the others can only hit an input.
     let first = views.first().map_or(0, |view| outputs.paths(&view.tag).len());
     for path in paths.iter().take(first).chain(report.map(Path::to_owned).iter()) {
-        output::check(path, &inputs)?;
+        output::check(path)?;
     }
-    Ok(())
+    paths.iter().try_for_each(|path| output::check_is_no_input(path, &input.files))
 }
 
 /// Bytes that a pixel takes while an image is traced: its samples' sums by layer. Measured, in one block.

@@ -37,18 +37,21 @@ pub(crate) fn run(args: &SolveArgs) -> Result<(), Failure> {
     let outputs: Vec<_> = std::iter::once(path.clone()).chain(report_file.clone()).collect();
     output::check_distinct(&outputs)?;
     for output in &outputs {
-        output::check(output, &[])?;
+        output::check(output)?;
     }
 
     if let Some(folder) = &args.snapshot {
         std::fs::create_dir_all(folder)
             .map_err(|error| Failure::Run(format!("{}: cannot be made: {error}", folder.display())))?;
-        output::check(&folder.join("step.png"), &[])?;
+        output::check(&folder.join("step.png"))?;
     }
 
     reporter.begin_deaf("load");
     let mut input =
         Input::read_with(&args.scene, args.transport.sky.as_ref(), &args.transport.ies, Light::New)?;
+    for output in &outputs {
+        output::check_is_no_input(output, &input.files)?;
+    }
     summary::warn(&reporter, &input.warnings);
     reporter.begin_deaf("tree");
     let tracer = Tracer::new(&input.scene);

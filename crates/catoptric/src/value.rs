@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use catoptric_scene::BRIGHTEST;
+
 /// Longest side of an image: above it a typing error is more likely than a wish.
 const LARGEST_SIDE: usize = 65_536;
 /// Most pixels of an image, as [`catoptric_image::ReadLimits`] reads them back.
@@ -125,8 +127,8 @@ impl FromStr for SkySource {
             };
         }
         let numbers: Vec<f32> = parts.into_iter().flatten().collect();
-        if !numbers.iter().all(|n| n.is_finite() && *n >= 0.0) {
-            return Err("expected radiances of at least 0".to_owned());
+        if !numbers.iter().all(|n| (0.0..=BRIGHTEST).contains(n)) {
+            return Err(format!("expected radiances from 0 to {BRIGHTEST:e}"));
         }
         match numbers[..] {
             [grey] => Ok(Self::Uniform([grey; 3])),

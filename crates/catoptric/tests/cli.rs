@@ -264,6 +264,11 @@ fn words_that_make_no_sense_are_usage_errors() {
     bench.render(&["-o", "a.png", "--layers"]).fails_with(2, &["--layers", "OpenEXR"]);
     bench.render(&["-o", "a.png", "--preview", "a.png"]).fails_with(2, &["a.png", "two outputs"]);
     bench.render(&["-o", "a.exr", "--json", "scene.gltf"]).fails_with(2, &["scene.gltf", "overwritten"]);
+    let over_input = ["solve", "scene.gltf", "-o", "a.glb", "--json", "scene.gltf"];
+    bench.run(&over_input).fails_with(2, &["scene.gltf", "overwritten"]);
+    let over_input = ["form-factors", "scene.gltf", "-o", "a.csv", "--json", "scene.gltf"];
+    bench.run(&over_input).fails_with(2, &["scene.gltf", "overwritten"]);
+    bench.render(&["-o", "a.exr", "--sky", "1e16"]).fails_with(2, &["--sky", "1e15"]);
     bench.run(&["solve", "scene.gltf", "-o", "a.exr"]).fails_with(2, &["a.exr", ".glb"]);
     bench.run(&["rendr", "scene.gltf"]).fails_with(2, &["render"]);
 }

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use crate::light::{PunctualKind, PunctualLight};
 use crate::photometry::Photometry;
 use crate::quantity::Rgb;
+use crate::scene::BRIGHTEST;
 
 use super::asset::Asset;
 use super::document::{Entity, Table};
@@ -95,8 +96,9 @@ pub(super) fn read_lights(asset: &Asset, hierarchy: &Hierarchy, report: &Report)
         let color = Rgb::from_array(color.map(|x| x as f32)).max(Rgb::ZERO);
         let strength = light.number_or("intensity", 1.0, report);
         let intensity = color * strength.max(0.0);
-        if strength < 0.0 || !intensity.is_finite() {
-            report.problem(&place, "a finite intensity of at least 0", strength, "");
+        if strength < 0.0 || intensity.max_element() > BRIGHTEST {
+            let expected = format_args!("an intensity from 0 to {BRIGHTEST:e}");
+            report.problem(&place, expected, strength, "");
             continue;
         }
         let kind = match light.string("type", report) {

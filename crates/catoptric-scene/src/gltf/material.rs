@@ -4,6 +4,7 @@
 use crate::lobe::Lobe;
 use crate::material::{AlphaMode, Material, MaterialReading, SMOOTH_ROUGHNESS, Transmission};
 use crate::quantity::{Radiance, Rgb};
+use crate::scene::BRIGHTEST;
 use crate::texture::TextureRef;
 
 use super::asset::Asset;
@@ -279,10 +280,11 @@ fn read_emission<'a>(
     }
     let strength = entity
         .extension("KHR_materials_emissive_strength", report)
-        .map_or(1.0, |extension| extension.number_within("emissiveStrength", 1.0, 0.0, 1e30, report));
+        .map_or(1.0, |extension| extension.number_within("emissiveStrength", 1.0, 0.0, f32::MAX, report));
     let emission = factor * strength;
-    if !emission.is_finite() {
-        report.problem(entity.place(), "a finite emission", emission, "lower emissiveStrength");
+    if emission.max_element() > BRIGHTEST {
+        let expected = format_args!("an emission of at most {BRIGHTEST:e} W/(m² sr)");
+        report.problem(entity.place(), expected, emission, "lower emissiveStrength");
         return;
     }
     material.emission = Radiance(emission);

@@ -44,6 +44,19 @@ fn what_is_farther_off_than_anything_is_refused() {
 }
 
 #[test]
+fn what_is_brighter_than_anything_is_refused() {
+    for (strength, is_refused) in [(1e14, false), (1e16, true)] {
+        let mut builder = Builder::new();
+        let lamp = json!({ "KHR_materials_emissive_strength": { "emissiveStrength": strength } });
+        let lamp = json!({ "name": "nova", "emissiveFactor": [1, 1, 1], "extensions": lamp });
+        let lamp = builder.push("materials", lamp);
+        builder.show_triangle("lamp", Some(lamp));
+        let text = builder.try_load().map_or_else(|error| error.to_string(), |_| String::new());
+        assert_eq!(text.contains("nova") && text.contains("emissiveStrength"), is_refused, "{text}");
+    }
+}
+
+#[test]
 fn a_required_extension_that_cannot_be_read_is_refused_with_what_to_do() {
     for (extension, hint) in [
         ("KHR_draco_mesh_compression", "gltf-transform"),
