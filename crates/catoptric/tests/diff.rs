@@ -192,10 +192,10 @@ fn approval_writes_a_certificate_and_does_not_loosen_silently() {
 #[test]
 fn directories_are_paired_by_name_and_indexed_worst_first() {
     let files = Files::new();
-    for (name, light) in [("out/good.exr", 0.5), ("out/sub/bad.exr", 0.9), ("out/extra.exr", 0.5)] {
+    for (name, light) in [("out/good #1.exr", 0.5), ("out/sub/bad.exr", 0.9), ("out/extra.exr", 0.5)] {
         files.image(name, light);
     }
-    for (name, light) in [("ref/good.exr", 0.5), ("ref/sub/bad.exr", 0.5), ("ref/missing.exr", 0.5)] {
+    for (name, light) in [("ref/good #1.exr", 0.5), ("ref/sub/bad.exr", 0.5), ("ref/missing.exr", 0.5)] {
         files.image(name, light);
     }
     let (out, reference, report) = (files.path("out"), files.path("ref"), files.path("report"));
@@ -205,10 +205,13 @@ fn directories_are_paired_by_name_and_indexed_worst_first() {
     let position = |name: &str| index.find(&format!("{name}</")).unwrap_or_else(|| panic!("no {name}"));
     assert!(position("missing.exr") < position("extra.exr"));
     assert!(position("extra.exr") < position("sub/bad.exr"));
-    assert!(position("sub/bad.exr") < position("good.exr"));
+    assert!(position("sub/bad.exr") < position("good #1.exr"));
     assert!(report.join("sub/bad.exr.html").is_file());
+    assert!(index.contains("href=\"./sub/bad.exr.html\""));
+    assert!(report.join("good #1.exr.html").is_file());
+    assert!(index.contains("href=\"./good%20%231.exr.html\""));
 
-    std::fs::write(out.join("good.exr"), b"damaged").expect("written");
+    std::fs::write(out.join("good #1.exr"), b"damaged").expect("written");
     assert_eq!(code(&[text(&out), text(&reference)]), 2);
 }
 

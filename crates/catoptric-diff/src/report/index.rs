@@ -64,7 +64,7 @@ pub fn index_page(test: &str, reference: &str, entries: &[Entry]) -> String {
             EntryState::Failed(reason) => ("bad", format!("not compared: {reason}")),
         };
         let name = match &entry.report {
-            Some(report) => format!("<a href=\"{}\">{}</a>", escape(report), escape(&entry.name)),
+            Some(report) => format!("<a href=\"{}\">{}</a>", link(report), escape(&entry.name)),
             None => escape(&entry.name),
         };
         let numbers: String = match entry.numbers {
@@ -91,4 +91,20 @@ pub fn index_page(test: &str, reference: &str, entries: &[Entry]) -> String {
         test = escape(test),
         reference = escape(reference),
     )
+}
+
+/// A reference to a file below the page (RFC 3986, section 4.2): `#`, `?`, `%` and spaces of its name are no syntax, nor is a colon a scheme.
+fn link(path: &str) -> String {
+    let mut link = String::from("./");
+    for byte in path.bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' | b'/' => {
+                link.push(char::from(byte));
+            }
+            _ => {
+                let _ = write!(link, "%{byte:02X}");
+            }
+        }
+    }
+    link
 }
