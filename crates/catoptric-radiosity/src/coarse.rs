@@ -233,12 +233,22 @@ fn by_two_pass(
         false => rows.iter().map(|r| r.found + r.gather(|p| params.warm[p.0 as usize])).collect(),
     };
     let mut frames = Vec::new();
+    // The last state is a frame, whatever the steps between frames.
+    let mut last = None;
     let PatchSolution { indirect, sweeps, residual, endless } =
         solve_patches(patches, rows, sources, &start, &limits, &mut |steps, sent| {
-            if params.every > 0 && steps % params.every == 0 && frames.len() < MAX_FRAMES {
-                frames.push(Frame { steps, radiosity: sent.to_vec(), ambient: Rgb::ZERO });
+            if params.every == 0 {
+                return;
+            }
+            let frame = Frame { steps, radiosity: sent.to_vec(), ambient: Rgb::ZERO };
+            if steps % params.every == 0 && frames.len() < MAX_FRAMES {
+                frames.push(frame);
+                last = None;
+            } else {
+                last = Some(frame);
             }
         });
+    frames.extend(last);
     let stop = if residual < limits.tolerance { Stop::Residual } else { Stop::Steps };
     CoarseSolution { indirect, steps: sweeps, rows: sweeps * rows.len(), residual, stop, frames, endless }
 }

@@ -121,7 +121,7 @@ pub(crate) struct RenderArgs {
     pub(crate) frames: Option<Frames>,
 
     /// Frames per second.
-    #[arg(long, value_name = "N", default_value_t = 24.0, value_parser = positive)]
+    #[arg(long, value_name = "N", default_value_t = 24.0, value_parser = positive, requires = "frames")]
     pub(crate) fps: f64,
 
     /// Image size in pixels. A width alone keeps the camera's aspect.
@@ -196,7 +196,7 @@ pub(crate) struct SolveArgs {
     pub(crate) snapshot: Option<PathBuf>,
 
     /// Size of the pictures in pixels, seen by the first camera.
-    #[arg(long, value_name = "W|WxH", default_value = "320")]
+    #[arg(long, value_name = "W|WxH", default_value = "320", requires = "snapshot")]
     pub(crate) snapshot_size: Size,
 
     #[command(flatten)]

@@ -232,6 +232,16 @@ fn snapshots_show_the_light_as_it_spreads_with_and_without_the_ambient_term() {
 }
 
 #[test]
+fn the_last_snapshot_is_the_solution_by_every_solver() {
+    for solver in [&["--solver", "jacobi"][..], &["--solver", "progressive"], &[]] {
+        let bench = Bench::new();
+        let report = solve(&bench, &[solver, &["--every", "1000000", "--snapshot", "steps"]].concat());
+        let steps = report["solve"]["iterations"].as_u64().expect("a number");
+        assert!(bench.path(&format!("steps/step.{steps:06}.png")).is_file(), "{solver:?}: {report}");
+    }
+}
+
+#[test]
 fn a_solve_can_start_from_an_earlier_one() {
     let bench = Bench::new();
     let cold = solve(&bench, &["--solver", "jacobi"]);
