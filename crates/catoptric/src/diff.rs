@@ -11,7 +11,7 @@ use catoptric_diff::{
 };
 
 use crate::failure::tell;
-use crate::output::check_is_no_input;
+use crate::output::check_are_no_inputs;
 use crate::report;
 
 /// Compares a rendered image, or a directory of them, with a reference.
@@ -125,7 +125,7 @@ fn compare_files(args: &DiffArgs) -> Result<bool, Failure> {
     if let Some(page) = &args.html {
         let also = [&args.mask, &args.limits].into_iter().flatten();
         let inputs: Vec<PathBuf> = [&args.test, &args.reference].into_iter().chain(also).cloned().collect();
-        check_is_no_input(page, &inputs).map_err(|error| Failure(error.to_string()))?;
+        check_are_no_inputs([page], &inputs).map_err(|error| Failure(error.to_string()))?;
     }
     let outcome = catoptric_diff::run(&job, &args.test, &args.reference)?;
     if args.json {

@@ -84,13 +84,11 @@ struct Report {
 pub(crate) fn run(args: &FormFactorsArgs) -> Result<(), Failure> {
     let reporter = Reporter::new(args.run.quiet);
     let (path, format) = check_output(args)?;
-    let report_file = args.run.json.clone().flatten();
 
     reporter.begin_deaf("load");
     let input = Input::read(&args.scene, None, Light::New)?;
-    for output in std::iter::once(&path).chain(&report_file) {
-        output::check_is_no_input(output, &input.files)?;
-    }
+    let outputs = std::iter::once(&path).chain(args.run.json.iter().flatten());
+    output::check_are_no_inputs(outputs, &input.files)?;
     let mut warnings = input.warnings.clone();
     reporter.begin_deaf("tree");
     let tracer = Tracer::new(&input.scene);

@@ -197,16 +197,19 @@ pub(crate) fn check(path: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Checks that a file that will be written is none of those that are read.
-pub(crate) fn check_is_no_input(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
-    let (own, shown) = (place(path), path.display());
-    if !is_stream(path) && inputs.iter().any(|input| place(input) == own) {
-        return Err(Failure::usage(
-            format_args!("{shown}: is an input of this command and would be overwritten"),
+/// Checks that no file that will be written is one of those that are read.
+pub(crate) fn check_are_no_inputs<'a>(
+    paths: impl IntoIterator<Item = &'a PathBuf>,
+    inputs: &[PathBuf],
+) -> Result<(), Failure> {
+    let read: HashSet<PathBuf> = inputs.iter().map(|input| place(input)).collect();
+    match paths.into_iter().find(|path| !is_stream(path) && read.contains(&place(path))) {
+        None => Ok(()),
+        Some(path) => Err(Failure::usage(
+            format_args!("{}: is an input of this command and would be overwritten", path.display()),
             "name another output",
-        ));
+        )),
     }
-    Ok(())
 }
 
 /// Checks that no two outputs are the same file, by whatever names.

@@ -49,9 +49,7 @@ pub(crate) fn run(args: &SolveArgs) -> Result<(), Failure> {
     reporter.begin_deaf("load");
     let mut input =
         Input::read_with(&args.scene, args.transport.sky.as_ref(), &args.transport.ies, Light::New)?;
-    for output in &outputs {
-        output::check_is_no_input(output, &input.files)?;
-    }
+    output::check_are_no_inputs(&outputs, &input.files)?;
     summary::warn(&reporter, &input.warnings);
     reporter.begin_deaf("tree");
     let tracer = Tracer::new(&input.scene);

@@ -213,6 +213,10 @@ fn cameras_and_frames_have_their_names_before_the_extension() {
     assert_eq!(run.code, 0, "{}", run.stderr);
     let frames = ["v.0009.exr", "v.0010.exr"].map(|name| bench.path(name).is_file());
     assert_eq!(frames, [true, true], "{:?}", bench.files());
+
+    // The second frame would replace the sky.
+    let run = bench.render(&["-o", "v.exr", "--frames", "9..10", "--size", "8", "--sky", "v.0010.exr"]);
+    run.fails_with(2, &["v.0010.exr", "overwritten"]);
 }
 
 #[test]

@@ -98,7 +98,7 @@ pub(super) fn read_lights(asset: &Asset, hierarchy: &Hierarchy, report: &Report)
         let intensity = color * strength.max(0.0);
         if strength < 0.0 || intensity.max_element() > BRIGHTEST {
             let expected = format_args!("an intensity from 0 to {BRIGHTEST:e}");
-            report.problem(&place, expected, strength, "");
+            report.problem(&place, expected, strength, "correct its intensity");
             continue;
         }
         let kind = match light.string("type", report) {

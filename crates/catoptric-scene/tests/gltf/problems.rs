@@ -53,6 +53,15 @@ fn what_is_brighter_than_anything_is_refused() {
         builder.show_triangle("lamp", Some(lamp));
         let text = builder.try_load().map_or_else(|error| error.to_string(), |_| String::new());
         assert_eq!(text.contains("nova") && text.contains("emissiveStrength"), is_refused, "{text}");
+
+        let mut builder = Builder::new();
+        let lights = json!({ "lights": [{ "type": "point", "intensity": strength }] });
+        builder.json.insert("extensions".to_owned(), json!({ "KHR_lights_punctual": lights }));
+        let node = json!({ "name": "star", "extensions": { "KHR_lights_punctual": { "light": 0 } } });
+        builder.push("nodes", node);
+        builder.show_triangle("ground", None);
+        let text = builder.try_load().map_or_else(|error| error.to_string(), |_| String::new());
+        assert_eq!(text.contains("star") && text.contains("intensity"), is_refused, "{text}");
     }
 }
 
