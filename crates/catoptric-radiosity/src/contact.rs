@@ -8,8 +8,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use catoptric_scene::{Scene, TriangleId};
-use catoptric_trace::BoxTree;
-use catoptric_trace::plane::bounds_of;
+use catoptric_trace::{BoxTree, Extent};
 
 use crate::arrangement::{Points, outline};
 use crate::face::FaceDraft;
@@ -53,19 +52,18 @@ pub struct Obstacles {
     reach: f64,
 }
 
-/// Distance from a plane that counts as touching, relative to the scene's size: f32 positions carry 2⁻²⁴ each, authored
+/// Distance from a plane that counts as touching, relative to how far the scene reaches, but for what is outlying: f32 positions carry 2⁻²⁴ each, authored
 /// contact is often off by a few of them after transforms.
 const TOUCH: f64 = 4e-6;
 
 impl Obstacles {
     /// All triangles of the scene.
     pub fn new(scene: &Scene) -> Self {
-        let (center, diagonal) = bounds_of(scene);
         let boxes = (0..scene.triangles().len() as u32).map(|t| {
             let [a, b, c] = scene.corners(TriangleId(t));
             [a.min(b).min(c), a.max(b).max(c)]
         });
-        Self { tree: BoxTree::new(boxes), reach: diagonal + center.abs().max_element() }
+        Self { tree: BoxTree::new(boxes), reach: Extent::new(scene).inner.reach() }
     }
 
     /// Distance that counts as touching, metres.

@@ -3,11 +3,14 @@
 use glam::Vec3;
 
 use catoptric_trace::Tracer;
+use catoptric_trace::extent::Bounds;
 
-/// Place on the curve through the box of a scene, which is cut into 1024³ cells.
+/// Place on the curve through the box of a scene, which is cut into 1024³ cells; what is outlying is moved into the outermost.
 pub(crate) fn on_curve(tracer: &Tracer, place: Vec3) -> u32 {
-    let low = tracer.center() - Vec3::splat(0.5 * tracer.diagonal());
-    let scale = 1023.0 / tracer.diagonal().max(f32::MIN_POSITIVE);
+    let Bounds { center, diagonal } = tracer.extent().inner;
+    let diagonal = diagonal as f32;
+    let low = center.as_vec3() - Vec3::splat(0.5 * diagonal);
+    let scale = 1023.0 / diagonal.max(f32::MIN_POSITIVE);
     let [x, y, z] = ((place - low) * scale).to_array().map(|v| to_every_third(v.clamp(0.0, 1023.0) as u32));
     x << 2 | y << 1 | z
 }

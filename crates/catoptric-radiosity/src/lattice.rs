@@ -38,8 +38,12 @@ const USUAL: f32 = 1400.0;
 const OPEN: f32 = 32.0;
 /// … and large if so many larger triangles fit along it.
 const LARGE: f32 = 8.0;
-/// Times that the edges of open faces are doubled, at most: enough for a ground of ten kilometres around a small room.
-const MOST_DOUBLINGS: u8 = 12;
+/// Times that the edges of open faces are doubled, at most: enough for a ground of a thousand kilometres around a small room.
+const MOST_DOUBLINGS: u8 = 20;
+/// Edges along which an author's triangle is cut, at most, about: a vertex that went astray draws out a sliver as long as one likes.
+const MOST_ALONG: f32 = 1024.0;
+/// … for which edges are doubled so many times at most.
+const MOST_DOUBLINGS_OF_SLIVERS: u8 = 31;
 /// Half of all surfaces see nothing within this multiple of the spacing: there are as many triangles as that takes. Rooms with a
 /// few things in them have 2.5 to 4.
 const CLOSE: f32 = 2.3;
@@ -81,7 +85,10 @@ impl Lattice {
             Some(distance) if distance > 0.0 => (CLOSE * usual / distance).powi(2).clamp(1.0, MOST_TRIANGLES),
             _ => 1.0,
         };
-        Self { spacing: spacing_for(fine, count.max(1) as f32 * more), doublings }
+        let spacing = spacing_for(fine, count.max(1) as f32 * more);
+        let doublings =
+            faces.iter().zip(doublings).map(|(face, n)| n.max(for_slivers(tracer, face, spacing)));
+        Self { spacing, doublings: doublings.collect() }
     }
 
     /// The same everywhere.
@@ -96,13 +103,23 @@ impl Lattice {
 
     /// Edge length of a face, metres.
     pub(crate) fn spacing_of(&self, face: usize) -> f32 {
-        self.spacing * f32::from(1_u16 << self.doublings.get(face).copied().unwrap_or(0))
+        self.spacing * (1_u32 << self.doublings.get(face).copied().unwrap_or(0)) as f32
     }
 
     /// Most doublings of any face.
     pub(crate) fn most_doublings(&self) -> u8 {
         self.doublings.iter().copied().max().unwrap_or(0)
     }
+}
+
+/// Doublings by which a face's longest edge is cut into no more than [`MOST_ALONG`].
+fn for_slivers(tracer: &Tracer, face: &FaceDraft, spacing: f32) -> u8 {
+    let longest_of = |&t: &TriangleId| {
+        let [a, b, c] = tracer.scene().corners(t);
+        a.distance(b).max(b.distance(c)).max(c.distance(a))
+    };
+    let longest = face.triangles.iter().map(longest_of).fold(0.0, f32::max);
+    (longest / (MOST_ALONG * spacing)).max(1.0).log2().ceil().min(f32::from(MOST_DOUBLINGS_OF_SLIVERS)) as u8
 }
 
 /// Edge length for which so much area gives about `count` triangles.
@@ -116,17 +133,28 @@ fn fine_area(areas: &[f32], doublings: &[u8]) -> f64 {
     areas.iter().zip(doublings).map(|(&area, &n)| f64::from(area) * 0.25_f64.powi(n.into())).sum()
 }
 
-/// What points on the faces see: more of large ones, but not in proportion, or a field would leave none for the house in it.
+/// What points on the faces see: more of large ones, but not in proportion, or a field would leave none for the house in it; of ground
+/// to the horizon, no more than of the largest walls.
 fn glances(tracer: &Tracer, faces: &[FaceDraft], areas: &[f32]) -> Vec<Glance> {
     let scene = tracer.scene();
-    let total: f64 = areas.iter().map(|area| f64::from(area.sqrt())).sum();
+    let extent = tracer.extent();
+    let widest = extent.inner.diagonal as f32;
+    let widths: Vec<f32> = faces
+        .iter()
+        .zip(areas)
+        .map(|(face, area)| match area.sqrt() {
+            width if width > widest && face.triangles.iter().any(|&t| extent.is_outlying(t)) => widest,
+            width => width,
+        })
+        .collect();
+    let total: f64 = widths.iter().map(|&width| f64::from(width)).sum();
     let step = total / f64::from(POINTS);
     // The same in every solve: which lattice a scene gets is no matter of chance.
     let key_of = |index: usize| Key::new(0, Purpose::ElementPoint, index as u64 | 1 << 48);
     let mut drawn: Vec<(usize, TriangleId)> = Vec::new();
     let (mut sum, mut next) = (0.0, 0.5 * step);
-    for (index, (face, area)) in faces.iter().zip(areas).enumerate() {
-        sum += f64::from(area.sqrt());
+    for (index, ((face, area), width)) in faces.iter().zip(areas).zip(&widths).enumerate() {
+        sum += f64::from(*width);
         if step <= 0.0 || next >= sum {
             continue;
         }
@@ -155,7 +183,8 @@ fn glances(tracer: &Tracer, faces: &[FaceDraft], areas: &[f32]) -> Vec<Glance> {
             let (u, v) = triangle_point(key.point2(1));
             let receiver = Receiver::on(tracer, triangle, face.side, Barycentric { u, v });
             let around = look_around(tracer, &receiver, 0..RAYS, key.child(1), |_, _, _: Vec3| {});
-            Glance { face: at, area: areas[at].sqrt() * step as f32, around }
+            let length = areas[at].sqrt();
+            Glance { face: at, area: length * (length / widths[at]) * step as f32, around }
         })
         .collect()
 }
@@ -261,7 +290,7 @@ mod tests {
     fn a_field_takes_no_triangles_from_the_house_in_it() {
         let (alone, of_alone) = lattice(add_room, LOW, HIGH);
         assert!(alone.doublings.iter().all(|&times| times == 0));
-        for side in [80.0, 10_000.0] {
+        for side in [80.0, 10_000.0, 1e6] {
             let (in_field, of_house) = lattice(
                 |parts, white| {
                     add_room(parts, white);
@@ -284,6 +313,24 @@ mod tests {
         );
         // A field alone is what its scene is about.
         assert!(all.0.most_doublings() == 0 && all.1 > COUNT / 2, "{}", all.1);
+    }
+
+    /// … nor does a vertex that went astray, however far: it draws out a sliver.
+    #[test]
+    fn a_stray_vertex_costs_next_to_nothing() {
+        let (_, of_alone) = lattice(add_room, LOW, HIGH);
+        for far in [1e4, 1e6, 1e8] {
+            let add_stray = |parts: &mut SceneParts, white| {
+                add_room(parts, white);
+                let corners = [Vec3::new(3.0, 0.0, 0.0), Vec3::new(far, 0.0, 0.0), Vec3::new(3.0, 1.0, 0.0)];
+                parts.add_triangles("stray", white, &corners, &[[0, 1, 2]]);
+            };
+            let of_room = lattice(add_stray, LOW, HIGH).1;
+            let all = lattice(add_stray, Vec3::splat(f32::NEG_INFINITY), Vec3::INFINITY).1;
+            assert!(2 * of_room > of_alone, "{far} m: {of_room} of {of_alone}");
+            // Twice as many segments as there may be along it, each the base of two triangles.
+            assert!(all < of_room + 4 * MOST_ALONG as usize, "{far} m: {all}, {of_room} in the room");
+        }
     }
 
     #[test]

@@ -292,7 +292,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let sharing = Sharing::new(tracer, &draft, spacing, SOURCE_CELL * spacing, budget, &[]);
     let mut values = Values::new(sharing);
     let source_params = RefineParams {
-        min_edge: tracer.diagonal() / 2000.0,
+        min_edge: tracer.extent().inner.diagonal as f32 / 2000.0,
         inside_edge: INSIDE_EDGE * spacing,
         short_edge: SHORT_EDGE * spacing,
         blur: params.sources.blur * spacing,
@@ -472,7 +472,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
 /// Receivers that say which bodies are lenses.
 const ONLOOKERS: u32 = 32;
 
-/// Some receivers, spread evenly over the surfaces.
+/// Some receivers, spread evenly over the surfaces, of large ground only as many as [`Draft::weight`] says.
 fn onlookers(tracer: &Tracer, draft: &Draft, seed: u32) -> Vec<Receiver> {
     let key = Key::new(seed, Purpose::Lens, 1 << 32);
     let mut sum = 0.0;
@@ -480,7 +480,7 @@ fn onlookers(tracer: &Tracer, draft: &Draft, seed: u32) -> Vec<Receiver> {
         .leaves
         .iter()
         .map(|leaf| {
-            sum += f64::from(draft.area(leaf));
+            sum += f64::from(draft.weight(leaf));
             sum
         })
         .collect();

@@ -1,4 +1,7 @@
-//! Finds the element of a face that holds a point: a grid of element lists per face, in plane coordinates.
+//! Finds the element of a face that holds a point: a grid of element lists per face, in plane coordinates, with finer ones where cells
+//! are crowded.
+
+use std::collections::BTreeMap;
 
 use glam::Vec2;
 use rayon::prelude::*;
@@ -16,7 +19,18 @@ pub struct Locator {
     starts: Vec<u32>,
     entries: Vec<u32>,
     shapes: Vec<Shape>,
+    /// Grids of crowded cells.
+    nested: Vec<Grid>,
 }
+
+/// An entry that is a grid of its own, by its index.
+const NESTED: u32 = 1 << 31;
+/// Elements of a cell above which it gets one: a field around a house has thousands in the one where the house stands.
+const CROWD: u32 = 48;
+/// Grids in each other, at most: each divides its cell by the root of [`CROWD`] or more.
+const MOST_GRIDS: u32 = 10;
+/// How often the elements of a cell may be listed in the cells of its grid, on average.
+const MOST_LISTED: usize = 6;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Grid {
@@ -25,6 +39,86 @@ struct Grid {
     columns: u32,
     rows: u32,
     first_cell: u32,
+}
+
+impl Grid {
+    /// Cells near to square, about one per element, at most 1024 a side.
+    fn over([min, max]: [Vec2; 2], count: usize) -> Self {
+        let (extent, count) = (max - min, count as f32);
+        let aspect = (extent.x / extent.y.max(1e-30)).clamp(1e-3, 1e3);
+        let columns = ((count * aspect).sqrt().ceil() as u32).clamp(1, 1024);
+        let rows = ((count / aspect).sqrt().ceil() as u32).clamp(1, 1024);
+        let cells_per_metre =
+            Vec2::new(columns as f32 / extent.x.max(1e-30), rows as f32 / extent.y.max(1e-30));
+        Self { min, cells_per_metre, columns, rows, first_cell: 0 }
+    }
+
+    /// First and last column and row of the cells that the box of a triangle meets.
+    fn cells(&self, [a, b, c]: &[Vec2; 3]) -> [u32; 4] {
+        let range = |low: f32, high: f32, cells: u32| {
+            let clamp = |x: f32| (x as i64).clamp(0, i64::from(cells) - 1) as u32;
+            // A hair wider than the element: a point on a cell border may round either way.
+            (clamp((low - 1e-3).floor()), clamp((high + 1e-3).floor()))
+        };
+        let low = (a.min(*b).min(*c) - self.min) * self.cells_per_metre;
+        let high = (a.max(*b).max(*c) - self.min) * self.cells_per_metre;
+        let ((x0, x1), (y0, y1)) = (range(low.x, high.x, self.columns), range(low.y, high.y, self.rows));
+        [x0, x1, y0, y1]
+    }
+
+    /// The cells in such a range.
+    fn within(&self, &[x0, x1, y0, y1]: &[u32; 4]) -> impl Iterator<Item = usize> + use<> {
+        let columns = self.columns;
+        (y0..=y1).flat_map(move |y| (x0..=x1).map(move |x| (y * columns + x) as usize))
+    }
+
+    /// Column and row of a cell.
+    fn corner(&self, cell: usize) -> Vec2 {
+        let cell = cell as u32;
+        Vec2::new((cell % self.columns) as f32, (cell / self.columns) as f32)
+    }
+
+    /// Where a cell lies.
+    fn rectangle(&self, cell: usize) -> [Vec2; 2] {
+        let corner = self.corner(cell);
+        [corner, corner + 1.0].map(|corner| self.min + corner / self.cells_per_metre)
+    }
+
+    /// The cells that need grids of their own, ascending, with their elements, and 1 as their count. `own` are the grid's, which meet `cells`.
+    fn crowded(
+        &self,
+        corners: &[[Vec2; 3]],
+        own: &[u32],
+        cells: &[[u32; 4]],
+        count: &mut [u32],
+    ) -> Vec<(usize, Vec<u32>)> {
+        if count.iter().all(|&count| count <= CROWD) {
+            return Vec::new();
+        }
+        let mut members: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
+        for (&element, own) in own.iter().zip(cells) {
+            for cell in self.within(own).filter(|&cell| count[cell] > CROWD) {
+                members.entry(cell).or_default().push(element);
+            }
+        }
+        // Not where all lie on each other, or meet in one place: that would only be listed more often.
+        members.retain(|&cell, members| {
+            let grid = Self::over(self.rectangle(cell), members.len());
+            let listed = |&e: &u32| {
+                let [x0, x1, y0, y1] = grid.cells(&corners[e as usize]);
+                (x1 - x0 + 1) as usize * (y1 - y0 + 1) as usize
+            };
+            members.iter().map(listed).sum::<usize>() <= MOST_LISTED * members.len()
+        });
+        members.keys().for_each(|&cell| count[cell] = 1);
+        members.into_iter().collect()
+    }
+}
+
+/// The box of some triangles.
+fn bounds(corners: &[[Vec2; 3]]) -> [Vec2; 2] {
+    let points = || corners.iter().flatten().copied();
+    [points().fold(Vec2::INFINITY, Vec2::min), points().fold(Vec2::NEG_INFINITY, Vec2::max)]
 }
 
 /// Barycentric coordinates as an affine map of plane coordinates: (u, v) = matrix · (p − origin).
@@ -66,10 +160,14 @@ impl Locator {
         all.entries.reserve(parts.iter().map(|part| part.entries.len()).sum());
         all.shapes.reserve(elements.len());
         for part in parts {
-            let (cell, entry) = (all.starts.len() as u32, all.entries.len() as u32);
-            all.grids.extend(part.grids.iter().map(|g| Grid { first_cell: g.first_cell + cell, ..*g }));
+            let (cell, entry, nested) =
+                (all.starts.len() as u32, all.entries.len() as u32, all.nested.len() as u32);
+            let moved = |grid: &Grid| Grid { first_cell: grid.first_cell + cell, ..*grid };
+            all.grids.extend(part.grids.iter().map(moved));
+            all.nested.extend(part.nested.iter().map(moved));
             all.starts.extend(part.starts.iter().map(|start| start + entry));
-            all.entries.extend(part.entries);
+            let shift = |entry: u32| if entry & NESTED == 0 { entry } else { entry + nested };
+            all.entries.extend(part.entries.into_iter().map(shift));
             all.shapes.extend(part.shapes);
         }
         all.starts.push(all.entries.len() as u32);
@@ -93,56 +191,51 @@ impl Locator {
     }
 
     fn push_grid(&mut self, corners: &[[Vec2; 3]], first_element: u32) {
-        let mut min = Vec2::INFINITY;
-        let mut max = Vec2::NEG_INFINITY;
-        for corner in corners.iter().flatten() {
-            min = min.min(*corner);
-            max = max.max(*corner);
-        }
-        let first_cell = self.starts.len() as u32;
-        let extent = max - min;
+        let [min, max] = bounds(corners);
         // A face of one element needs none.
-        if corners.len() < 2 || !extent.is_finite() {
-            self.grids.push(Grid { first_cell, ..Grid::default() });
-            return;
-        }
-        // Cells near to square, about one per element, at most 1024 a side.
-        let count = corners.len() as f32;
-        let aspect = (extent.x / extent.y.max(1e-30)).clamp(1e-3, 1e3);
-        let columns = ((count * aspect).sqrt().ceil() as u32).clamp(1, 1024);
-        let rows = ((count / aspect).sqrt().ceil() as u32).clamp(1, 1024);
-        let cells_per_metre =
-            Vec2::new(columns as f32 / extent.x.max(1e-30), rows as f32 / extent.y.max(1e-30));
-        let grid = Grid { min, cells_per_metre, columns, rows, first_cell };
-        let range = |low: f32, high: f32, cells: u32| {
-            let clamp = |x: f32| (x as i64).clamp(0, i64::from(cells) - 1) as u32;
-            // A hair wider than the element: a point on a cell border may round either way.
-            (clamp((low - 1e-3).floor()), clamp((high + 1e-3).floor()))
+        let grid = if corners.len() < 2 || !(max - min).is_finite() {
+            Grid { first_cell: self.starts.len() as u32, ..Grid::default() }
+        } else {
+            let own: Vec<u32> = (0..corners.len() as u32).collect();
+            self.grid(corners, &own, [min, max], first_element, 0)
         };
+        self.grids.push(grid);
+    }
+
+    /// A grid over a rectangle, for some of the elements of a face, with grids of their own in crowded cells: its cells and lists are
+    /// appended. `corners` are those of all elements.
+    fn grid(
+        &mut self,
+        corners: &[[Vec2; 3]],
+        own: &[u32],
+        rectangle: [Vec2; 2],
+        first_element: u32,
+        depth: u32,
+    ) -> Grid {
+        let first_cell = self.starts.len() as u32;
+        let grid = Grid { first_cell, ..Grid::over(rectangle, own.len()) };
         // Counted first, so that one table holds all lists.
-        let cells: Vec<[u32; 4]> = corners
-            .iter()
-            .map(|[a, b, c]| {
-                let low = (a.min(*b).min(*c) - min) * cells_per_metre;
-                let high = (a.max(*b).max(*c) - min) * cells_per_metre;
-                let ((x0, x1), (y0, y1)) = (range(low.x, high.x, columns), range(low.y, high.y, rows));
-                [x0, x1, y0, y1]
-            })
-            .collect();
-        let within = |&[x0, x1, y0, y1]: &[u32; 4]| {
-            (y0..=y1).flat_map(move |y| (x0..=x1).map(move |x| (y * columns + x) as usize))
-        };
-        let mut next = vec![0_u32; (columns * rows) as usize];
-        cells.iter().flat_map(within).for_each(|cell| next[cell] += 1);
+        let cells: Vec<[u32; 4]> = own.iter().map(|&e| grid.cells(&corners[e as usize])).collect();
+        let mut next = vec![0_u32; (grid.columns * grid.rows) as usize];
+        cells.iter().flat_map(|own| grid.within(own)).for_each(|cell| next[cell] += 1);
+        let crowded =
+            if depth < MOST_GRIDS { grid.crowded(corners, own, &cells, &mut next) } else { Vec::new() };
         let mut end = self.entries.len() as u32;
         for next in &mut next {
             self.starts.push(end);
             end += std::mem::replace(next, end);
         }
         self.entries.resize(end as usize, 0);
-        for (index, own) in cells.iter().enumerate() {
-            for cell in within(own) {
-                self.entries[next[cell] as usize] = first_element + index as u32;
+        let nested = self.nested.len() as u32;
+        for (index, (cell, _)) in (nested..).zip(&crowded) {
+            self.entries[next[*cell] as usize] = NESTED | index;
+        }
+        let mut is_crowded = crowded.iter().map(|(cell, _)| *cell).peekable();
+        let is_crowded: Vec<bool> =
+            (0..next.len()).map(|cell| is_crowded.next_if_eq(&cell).is_some()).collect();
+        for (&element, own) in own.iter().zip(&cells) {
+            for cell in grid.within(own).filter(|&cell| !is_crowded[cell]) {
+                self.entries[next[cell] as usize] = first_element + element;
                 next[cell] += 1;
             }
         }
@@ -151,15 +244,19 @@ impl Locator {
         let starts = self.starts[first_cell as usize..].iter().map(|&start| start as usize);
         let ends = next.iter().map(|&end| end as usize);
         for (cell, (start, end)) in (0..).zip(starts.zip(ends)) {
-            let middle = Vec2::new((cell % columns) as f32 + 0.5, (cell / columns) as f32 + 0.5);
-            let middle = min + middle / cells_per_metre;
+            let middle = grid.corner(cell) + 0.5;
+            let middle = grid.min + middle / grid.cells_per_metre;
             let list = &mut self.entries[start..end];
             let is_there = |&element: &u32| holds(shapes[(element - first_element) as usize].weights(middle));
             if let Some(first) = list.iter().position(is_there) {
                 list.swap(0, first);
             }
         }
-        self.grids.push(grid);
+        self.nested.resize(self.nested.len() + crowded.len(), Grid::default());
+        for (index, (cell, members)) in (nested as usize..).zip(crowded) {
+            self.nested[index] = self.grid(corners, &members, grid.rectangle(cell), first_element, depth + 1);
+        }
+        grid
     }
 
     /// The element at `point` and its weights. A point between elements by rounding, or outside of the face, gets the
@@ -174,12 +271,23 @@ impl Locator {
         if grid.columns == 0 {
             return None;
         }
+        let mut list = self.list(grid, point);
+        while let [only] = list
+            && only & NESTED != 0
+        {
+            list = self.list(&self.nested[(only ^ NESTED) as usize], point);
+        }
+        self.best(list.iter().copied(), point).or_else(|| self.best(face.elements.clone(), point))
+    }
+
+    /// What lies in the cell of a point.
+    #[inline]
+    fn list(&self, grid: &Grid, point: Vec2) -> &[u32] {
         let cell = (point - grid.min) * grid.cells_per_metre;
         let x = (cell.x.max(0.0) as u32).min(grid.columns - 1);
         let y = (cell.y.max(0.0) as u32).min(grid.rows - 1);
         let index = (grid.first_cell + y * grid.columns + x) as usize;
-        let list = &self.entries[self.starts[index] as usize..self.starts[index + 1] as usize];
-        self.best(list.iter().copied(), point).or_else(|| self.best(face.elements.clone(), point))
+        &self.entries[self.starts[index] as usize..self.starts[index + 1] as usize]
     }
 
     /// The candidate that holds a point, else the one that it is least outside of.
@@ -275,5 +383,52 @@ mod tests {
         assert!(found.iter().enumerate().all(|(index, found)| has_area(index) || !found));
         // The finest are smaller than the distance of two points.
         assert!(found.iter().filter(|found| **found).count() > elements.len() / 2);
+    }
+
+    /// A field around a house: rings of triangles, from one metre to ten kilometres.
+    fn field() -> (Vec<DisplayVertex>, Vec<Element>, Face) {
+        const RINGS: u32 = 64;
+        const SECTORS: u32 = 32;
+        let mut vertices = Vec::new();
+        let mut radius = 1.0;
+        for _ in 0..=RINGS {
+            for sector in 0..SECTORS {
+                let around =
+                    Vec2::from_angle(sector as f32 * std::f32::consts::TAU / SECTORS as f32) * radius;
+                let position = Vec3::new(around.x, 0.0, around.y);
+                let (triangle, side) = (TriangleId(0), Side::Front);
+                vertices.push(DisplayVertex { position, normal: Vec3::Y, triangle, side });
+            }
+            radius *= 1.155;
+        }
+        let elements: Vec<Element> = (0..RINGS * SECTORS)
+            .flat_map(|at| {
+                let next = at - at % SECTORS + (at + 1) % SECTORS;
+                let [a, b, c, d] = [at, next, next + SECTORS, at + SECTORS];
+                [[a, c, b], [a, d, c]].map(|vertices| Element { vertices })
+            })
+            .collect();
+        let axes = [Vec3::Z, Vec3::X];
+        let face = Face { elements: 0..elements.len() as u32, origin: Vec3::ZERO, axes };
+        (vertices, elements, face)
+    }
+
+    /// No list is long, and each element is found by its middle. (One grid for all has 1000 triangles in a cell.)
+    #[test]
+    fn crowded_cells_have_grids_of_their_own() {
+        let (vertices, elements, face) = field();
+        let locator = Locator::new(&vertices, &elements, std::slice::from_ref(&face));
+        let longest = locator.starts.windows(2).map(|pair| pair[1] - pair[0]).max();
+        // Half as many again where most reach across the cell: a grid would only list them more often.
+        assert!(longest.is_some_and(|longest| 2 * longest <= 3 * CROWD), "{longest:?}");
+        // A ring is a sixth wider than the one in it: about three levels of grids, each of a few crowded cells, reach from the horizon to
+        // the house.
+        assert!((1..64).contains(&locator.nested.len()), "{}", locator.nested.len());
+        for (index, element) in (0..).zip(&elements) {
+            let corners = element.vertices.map(|v| face.plane_point(vertices[v as usize].position));
+            let middle = corners.iter().sum::<Vec2>() / 3.0;
+            let found = locator.find(FaceId(0), &face, middle).map(|(element, _)| element);
+            assert_eq!(found, Some(index));
+        }
     }
 }

@@ -7,6 +7,7 @@ pub mod beam;
 pub mod boxes;
 pub mod chain;
 mod eight;
+pub mod extent;
 pub mod fresnel;
 pub mod interaction;
 pub mod ledger;
@@ -22,6 +23,7 @@ pub mod walk;
 
 pub use boxes::BoxTree;
 pub use chain::{Chain, Event};
+pub use extent::Extent;
 pub use ledger::Ledger;
 pub use medium::{MediumId, MediumStack};
 pub use packet::Occlusion;

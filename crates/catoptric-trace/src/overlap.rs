@@ -11,15 +11,16 @@ use rayon::prelude::*;
 use catoptric_scene::{Scene, TriangleId};
 
 use crate::boxes::BoxTree;
+use crate::extent::Extent;
 use crate::packet::TRANSMITS;
-use crate::plane::{Planes, bounds_of};
+use crate::plane::Planes;
 
 /// Something lies on the front of a triangle.
 pub(crate) const COVERED_FRONT: u8 = 8;
 /// Something lies on its back.
 pub(crate) const COVERED_BACK: u8 = 16;
 
-/// Triangles that overlap less than this share of the scene's reach are neighbours that rounding moved: as far as what counts as one plane.
+/// Triangles that overlap less than this share of how far they reach are neighbours that rounding moved: as far as what counts as one plane.
 const ROUNDING: f64 = 1e-6;
 /// Neighbours of a triangle that are looked at; where there are more, it counts as covered.
 const MOST_NEIGHBOURS: usize = 1024;
@@ -61,6 +62,7 @@ impl Overlaps {
     /// Looks through the planes of a scene. `flags` are those of the triangles' materials; `has_back` tells whether a triangle's back is a surface.
     pub(crate) fn new(
         scene: &Scene,
+        extent: &Extent,
         planes: &Planes,
         flags: impl Fn(TriangleId) -> u8 + Sync,
         has_back: impl Fn(TriangleId) -> bool + Sync,
@@ -82,8 +84,7 @@ impl Overlaps {
         let mut order: Vec<u32> =
             (0..count as u32).filter(|&id| is_mixed[planes.of(TriangleId(id)).0 as usize]).collect();
         order.sort_unstable_by_key(|&id| (planes.of(TriangleId(id)), id));
-        let (center, diagonal) = bounds_of(scene);
-        let rounding = ROUNDING * (diagonal + center.abs().max_element());
+        let center = extent.inner.center;
         let groups: Vec<&[u32]> =
             order.chunk_by(|&a, &b| planes.of(TriangleId(a)) == planes.of(TriangleId(b))).collect();
         let found: Vec<Vec<(u32, u8, u32)>> = groups
@@ -105,7 +106,9 @@ impl Overlaps {
                         rank: 0,
                     }
                 });
-                covered_in(members.collect(), rounding)
+                let reach =
+                    group.iter().map(|&id| extent.reach_of(TriangleId(id))).fold(f64::INFINITY, f64::min);
+                covered_in(members.collect(), ROUNDING * reach)
             })
             .collect();
         if found.iter().flatten().all(|&(_, covered, _)| covered == 0) {

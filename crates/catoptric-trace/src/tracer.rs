@@ -9,6 +9,7 @@ use catoptric_scene::{AlphaMode, Barycentric, Rgb, Scene, Transmission, Triangle
 use crate::beam::{Pyramid, Suspect, Suspects};
 use crate::chain::Event;
 use crate::eight::Level;
+use crate::extent::Extent;
 use crate::fresnel::{self, DiffuseFresnel};
 use crate::interaction::has_back;
 use crate::medium::Media;
@@ -91,8 +92,7 @@ pub struct Accelerator {
     clearcoat: DiffuseFresnel,
     passes_anything: bool,
     specular: bool,
-    center: Vec3,
-    diagonal: f32,
+    extent: Extent,
 }
 
 impl Accelerator {
@@ -121,11 +121,13 @@ impl Accelerator {
             .map(|flags| if flags & PASSES != 0 { flags | TRANSMITS } else { flags })
             .collect();
         let flags = |id: TriangleId| material_flags[scene.material_id_of(id).index()];
+        let extent = Extent::new(scene);
         let (boxes, (planes, overlaps)) = rayon::join(
-            || Boxes::around(&corners),
+            || Boxes::around(&corners, |index| extent.is_outlying(TriangleId(order[index]))),
             || {
-                let planes = Planes::new(scene);
-                let overlaps = Overlaps::new(scene, &planes, flags, |id| has_back(scene.material_of(id)));
+                let planes = Planes::new(scene, &extent);
+                let overlaps =
+                    Overlaps::new(scene, &extent, &planes, flags, |id| has_back(scene.material_of(id)));
                 (planes, overlaps)
             },
         );
@@ -142,11 +144,10 @@ impl Accelerator {
                 }
             })
             .collect();
-        let (center, diagonal) = crate::plane::bounds_of(scene);
         let mut tree = Tree::build(&boxes, &facets);
-        let slabs = slabs(scene, &planes, &tree, diagonal as f32);
+        let slabs = slabs(scene, &planes, &tree, extent.inner.diagonal as f32);
         tree.mark(PASSES, |id| slabs.of(TriangleId(id)).is_some());
-        let flat = flat_mirrors(scene, &planes);
+        let flat = flat_mirrors(scene, &extent, &planes);
         let lambertian = scene
             .triangles()
             .iter()
@@ -172,8 +173,7 @@ impl Accelerator {
             slabs,
             specular: scene.materials().iter().any(|m| m.may_be_specular()),
             planes,
-            center: center.as_vec3(),
-            diagonal: diagonal as f32,
+            extent,
         }
     }
 }
@@ -227,14 +227,15 @@ impl<'a> Tracer<'a> {
         &self.accelerator.media
     }
 
-    /// Centre of the bounding box.
-    pub fn center(&self) -> Vec3 {
-        self.accelerator.center
+    /// How large the scene is.
+    #[inline]
+    pub fn extent(&self) -> &Extent {
+        &self.accelerator.extent
     }
 
-    /// Diagonal of the bounding box, metres.
+    /// Diagonal of the bounding box of everything, metres.
     pub fn diagonal(&self) -> f32 {
-        self.accelerator.diagonal
+        self.accelerator.extent.all.diagonal as f32
     }
 
     /// Whether a triangle is plain Lambertian: no coat, mirror, transmission or alpha anywhere on it.
@@ -333,8 +334,13 @@ impl<'a> Tracer<'a> {
         // Heights are at least twice the area over the longest edge. Positions round by 2⁻²⁴ of the scene, a few times; neighbours turn
         // away by a few degrees.
         let longest = e.length().max(f.length()).max((c - b).length());
-        let least =
-            OFF_EDGE * self.accelerator.diagonal * longest / e.cross(f).length().max(f32::MIN_POSITIVE);
+        let extent = &self.accelerator.extent;
+        let size = if extent.is_outlying(hit.triangle) {
+            extent.reach_of(hit.triangle)
+        } else {
+            extent.inner.diagonal
+        };
+        let least = OFF_EDGE * size as f32 * longest / e.cross(f).length().max(f32::MIN_POSITIVE);
         let least = least.min(AT_EDGE);
         if nearest >= least {
             return position;
@@ -347,10 +353,10 @@ impl<'a> Tracer<'a> {
     /// What lies on top at the place of `nearest`, in the same plane.
     #[cold]
     fn on_top(&self, ray: &Ray, nearest: &Nearest) -> Nearest {
-        // Planes are one within 1e-6 of the scene's reach: along the ray that is longer by 1/cosθ.
+        // Planes are one within 1e-6 of how far their triangles reach: along the ray that is longer by 1/cosθ.
         let normal = self.scene.geometric_normal(TriangleId(nearest.id));
         let slope = ray.direction.dot(normal).abs().max(1e-4 * ray.direction.length());
-        let reach = self.accelerator.center.abs().max_element() + self.accelerator.diagonal;
+        let reach = self.accelerator.extent.reach_of(TriangleId(nearest.id)) as f32;
         let slack = nearest.t * 1e-6 + reach * 4e-6 / slope;
         // A short ray meets few boxes.
         let start = (nearest.t - slack).max(0.0);
@@ -554,14 +560,15 @@ enum Flat {
 }
 
 /// The flat reflectors of each plane, the largest by reflecting area first.
-fn flat_mirrors(scene: &Scene, planes: &Planes) -> Vec<Flat> {
+fn flat_mirrors(scene: &Scene, extent: &Extent, planes: &Planes) -> Vec<Flat> {
     let mut area = vec![0.0_f64; planes.len()];
     let mut total = 0.0_f64;
     for index in 0..scene.triangles().len() {
         let triangle = TriangleId(index as u32);
         let material = scene.material_of(triangle);
         let size = f64::from(scene.area(triangle));
-        total += size;
+        // The ground to the horizon does not make facets of the mirrors in the house.
+        total += if extent.is_outlying(triangle) { 0.0 } else { size };
         let reflects = material.may_be_specular() && !material.is_solid() && !scene.is_smooth(triangle);
         if reflects {
             area[planes.of(triangle).0 as usize] += size;

@@ -61,25 +61,30 @@ pub(crate) struct Boxes {
 }
 
 impl Boxes {
-    /// Around triangles with these corners.
-    pub(crate) fn around(triangles: &[[Vec3; 3]]) -> Self {
-        let mut all = Aabb::empty();
-        for corner in triangles.iter().flatten() {
-            all.extend((*corner).into());
-        }
+    /// Around triangles with these corners, of which some, by their index, reach far beyond the others.
+    pub(crate) fn around(triangles: &[[Vec3; 3]], is_outlying: impl Fn(usize) -> bool) -> Self {
+        let around = |corners: &mut dyn Iterator<Item = &Vec3>| {
+            let mut aabb = Aabb::empty();
+            corners.for_each(|corner| _ = aabb.extend((*corner).into()));
+            aabb
+        };
+        let inner = triangles.iter().enumerate().filter(|(index, _)| !is_outlying(*index));
+        let inner = around(&mut inner.flat_map(|(_, corners)| corners));
         // Half a ten-thousandth of a percent of the scene: above the rounding of slabs and positions (2⁻²³ each).
-        let reach = all.min.abs().max(all.max.abs()).max_element().max(all.diagonal().max_element());
-        let padding = reach * 2e-6 + f32::MIN_POSITIVE;
+        let padding_of = |all: &Aabb| {
+            let reach = all.min.abs().max(all.max.abs()).max_element().max(all.diagonal().max_element());
+            reach * 2e-6 + f32::MIN_POSITIVE
+        };
+        let padding = padding_of(&inner);
         if triangles.is_empty() {
             return Self { binary: Bvh2::default(), padding };
         }
         let boxes: Vec<Aabb> = triangles
             .iter()
-            .map(|corners| {
-                let mut aabb = Aabb::empty();
-                for corner in corners {
-                    aabb.extend((*corner).into());
-                }
+            .enumerate()
+            .map(|(index, corners)| {
+                let mut aabb = around(&mut corners.iter());
+                let padding = if is_outlying(index) { padding_of(&aabb).max(padding) } else { padding };
                 aabb.min -= padding;
                 aabb.max += padding;
                 aabb

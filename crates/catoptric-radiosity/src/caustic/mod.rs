@@ -129,9 +129,11 @@ pub fn caustic(
     progress.begin("caustics", u64::from(params.max_rays));
     emission.learn(seed, progress)?;
     let tracer = lights.tracer();
-    let density =
-        DensityParams { min_edge: params.density.min_edge.max(tracer.diagonal() / 4000.0), ..params.density };
-    let area: f32 = draft.leaves.iter().map(|leaf| draft.area(leaf)).sum();
+    let density = DensityParams {
+        min_edge: params.density.min_edge.max(tracer.extent().inner.diagonal as f32 / 4000.0),
+        ..params.density
+    };
+    let area: f32 = draft.leaves.iter().map(|leaf| draft.weight(leaf)).sum();
     let mut harvest = Harvest::default();
     let mut rays = 0;
     let mut next = params.min_rays.min(params.max_rays);

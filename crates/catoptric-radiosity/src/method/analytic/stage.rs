@@ -96,7 +96,7 @@ impl Analytic<'_> {
             .filter(|w| w.plane != wall.plane)
             .flat_map(|w| w.outline.corners().iter().map(|c| wall.normal.dot(*c) - wall.offset));
         let (low, high) = heights.fold((0.0_f64, 0.0_f64), |(low, high), h| (low.min(h), high.max(h)));
-        let rounding = 1e-6 * f64::from(self.tracer.diagonal());
+        let rounding = 1e-6 * self.tracer.extent().inner.diagonal;
         low > -rounding || high < rounding
     }
 

@@ -77,7 +77,7 @@ impl Scratch {
 impl Analytic<'_> {
     /// Adds F(eye → j) for all j, as far as it comes over a number of reflections within `band`, to `out`.
     pub(super) fn look(&self, eye: &View, band: &Range<usize>, out: &mut [DVec3], scratch: &mut Scratch) {
-        let diagonal = f64::from(self.tracer.diagonal());
+        let diagonal = self.tracer.extent().inner.diagonal;
         let mut beams = Beams::new(diagonal);
         self.look_once(eye, 0, band, out, &mut beams, scratch);
         for depth in 1..=MAX_REFLECTIONS {
