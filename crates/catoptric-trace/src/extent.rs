@@ -5,6 +5,7 @@
 //! and must not blur those of the house.
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use catoptric_scene::{Scene, TriangleId};
 
@@ -32,10 +33,12 @@ pub struct Extent {
 /// smallest things in a room are within ten of each other, mostly.
 const OUTLYING: f64 = 16.0;
 
+/// A box around nothing.
+const NOTHING: [Vec3; 2] = [Vec3::INFINITY, Vec3::NEG_INFINITY];
+
 impl Bounds {
-    fn around(positions: impl Iterator<Item = Vec3>) -> Self {
-        let (min, max) =
-            positions.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| (min.min(p), max.max(p)));
+    fn around<'a>(boxes: impl Iterator<Item = &'a [Vec3; 2]>) -> Self {
+        let [min, max] = boxes.fold(NOTHING, |[min, max], &[low, high]| [min.min(low), max.max(high)]);
         if min.x > max.x {
             return Self::default();
         }
@@ -53,12 +56,15 @@ impl Extent {
     /// The extent of a scene.
     pub fn new(scene: &Scene) -> Self {
         let triangles = || (0..scene.triangles().len() as u32).map(TriangleId);
-        let bounds = |wanted: &dyn Fn(TriangleId) -> bool| {
-            Bounds::around(triangles().filter(|&id| wanted(id)).flat_map(|id| scene.corners(id)))
+        let around = |id: u32| {
+            let corners = scene.corners(TriangleId(id));
+            corners.iter().fold(NOTHING, |[min, max], &p| [min.min(p), max.max(p)])
         };
-        let all = bounds(&|_| true);
-        let reaches: Vec<f64> =
-            triangles().map(|id| Bounds::around(scene.corners(id).into_iter()).reach()).collect();
+        let boxes: Vec<[Vec3; 2]> =
+            (0..scene.triangles().len() as u32).into_par_iter().with_min_len(1024).map(around).collect();
+        let all = Bounds::around(boxes.iter());
+        let reach = |one: &[Vec3; 2]| Bounds::around(std::iter::once(one)).reach();
+        let reaches: Vec<f64> = boxes.par_iter().with_min_len(1024).map(reach).collect();
         let mut count = vec![0_u32; scene.surfaces().len()];
         scene.triangles().iter().for_each(|t| count[t.surface.index()] += 1);
         let weight = |id: TriangleId| 1.0 / f64::from(count[scene.triangles()[id.index()].surface.index()]);
@@ -78,7 +84,8 @@ impl Extent {
         });
         let limit = OUTLYING * median.map_or(most, |id| reaches[id.index()]);
         let outlying: Vec<f64> = reaches.into_iter().map(|r| if r > limit { r } else { 0.0 }).collect();
-        let inner = bounds(&|id| outlying[id.index()] == 0.0);
+        let inner = boxes.iter().zip(&outlying).filter(|&(_, &reach)| reach == 0.0).map(|(one, _)| one);
+        let inner = Bounds::around(inner);
         Self { all, inner, outlying }
     }
 
