@@ -2,6 +2,8 @@
 //! triangulated with a lattice inside (constrained Delaunay, Chew 1989), graded from short lines to the lattice (Ruppert 1995); both
 //! by spade, with robust predicates. Keys in docs/references.md: Chew1989, Ruppert1995.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
 use glam::DVec2;
 use spade::{
     AngleLimit, ConstrainedDelaunayTriangulation, HasPosition, Point2, RefinementParameters, Triangulation,
@@ -79,19 +81,9 @@ pub fn triangulate(
     let vertices: Vec<Site> = sites.iter().map(|p| Site { position: Point2::new(p.x, p.y) }).collect();
     let edges: Vec<[usize; 2]> =
         arrangement.edges.iter().map(|e| [e.ends[0] as usize, e.ends[1] as usize]).collect();
-    let Ok(mut cdt) = ConstrainedDelaunayTriangulation::<Site>::try_bulk_load_cdt(vertices, edges, |_| {})
-    else {
+    let Some(cdt) = refined(&vertices, &edges, LEAST_AREA * spacing * spacing) else {
         return plain(triangles);
     };
-    // Outline and contact lines stay as they are: neighbours and the two sides know their points.
-    let most = ADDED * cdt.num_vertices();
-    cdt.refine(
-        RefinementParameters::new()
-            .with_angle_limit(AngleLimit::from_deg(LEAST_ANGLE))
-            .with_min_required_area(LEAST_AREA * spacing * spacing)
-            .with_max_additional_vertices(most)
-            .keep_constraint_edges(),
-    );
 
     // Triangles inside the face, with the corners joined across everything but contact lines.
     let inside = Inside::new(triangles);
@@ -238,6 +230,37 @@ impl<'a> Inside<'a> {
     }
 }
 
+type Cdt = ConstrainedDelaunayTriangulation<Site>;
+
+/// The triangulation of some points with these edges, its triangles refined until they are well shaped or smaller than `least_area`, m².
+/// Nothing where edges meet outside of their ends.
+fn refined(vertices: &[Site], edges: &[[usize; 2]], least_area: f64) -> Option<Cdt> {
+    let mut most = ADDED * vertices.len();
+    loop {
+        let mut cdt = Cdt::try_bulk_load_cdt(vertices.to_vec(), edges.to_vec(), |_| {}).ok()?;
+        if most == 0 {
+            return Some(cdt);
+        }
+        let refine = || {
+            // Outline and contact lines stay as they are: neighbours and the two sides know their points.
+            cdt.refine(
+                RefinementParameters::new()
+                    .with_angle_limit(AngleLimit::from_deg(LEAST_ANGLE))
+                    .with_min_required_area(least_area)
+                    .with_max_additional_vertices(most)
+                    .keep_constraint_edges(),
+            );
+            cdt
+        };
+        // In a few valid triangulations, such as of hundreds of lines that cross, spade 2.15 walks in circles to where a point is to be
+        // added, and gives up with a panic. It comes less far then.
+        match catch_unwind(AssertUnwindSafe(refine)) {
+            Ok(cdt) => return Some(cdt),
+            Err(_) => most /= 2,
+        }
+    }
+}
+
 /// Lattice points inside the face, not too near to any segment.
 fn lattice(triangles: &[[DVec2; 3]], arrangement: &Arrangement, spacing: f64, sites: &mut Vec<DVec2>) {
     let (mut min, mut max) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
@@ -351,6 +374,35 @@ mod tests {
         assert_eq!(at(DVec2::new(0.5, 0.5)), 1);
         assert_eq!(at(DVec2::new(0.5, 0.25)), 2);
         assert_eq!(at(DVec2::new(0.5, 0.0)), 2);
+    }
+
+    /// Eleven points and four lines of a valid triangulation in which spade 2.15 does not find where a circumcentre lies.
+    #[test]
+    fn where_the_refinement_gives_up_there_are_triangles() {
+        let points = [
+            (1.89356, 1.53524),
+            (2.06099, 0.97585),
+            (2.44348, 1.63632),
+            (2.02544, 0.75214),
+            (2.38551, 1.5649),
+            (1.85296, 1.55932),
+            (1.8325, 1.65508),
+            (1.71204, 1.31276),
+            (1.74967, 0.94572),
+            (1.84692, 0.84281),
+            (2.04104, 1.25026),
+        ];
+        let vertices = points.map(|(x, y)| Site { position: Point2::new(x, y) });
+        let edges = [[0, 1], [2, 10], [3, 4], [3, 5]];
+        let cdt = refined(&vertices, &edges, 5e-4).expect("no lines meet");
+        assert!(cdt.num_vertices() >= points.len());
+        let is_kept = |[a, b]: &[usize; 2]| {
+            let [a, b] = [a, b].map(|v| spade::handles::FixedVertexHandle::from_index(*v));
+            cdt.get_edge_from_neighbors(a, b).is_some_and(|edge| edge.is_constraint_edge())
+        };
+        assert!(edges.iter().all(is_kept));
+        let turn = |[a, b, c]: [Point2<f64>; 3]| (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+        assert!(cdt.inner_faces().all(|face| turn(face.positions()) > 0.0));
     }
 
     /// A round thing in short segments stands on a face with a wide lattice: elements grow from one to the other, none is a

@@ -1,6 +1,10 @@
 //! What went wrong, in the words of the person at the terminal, and the exit code that says so.
 
+use std::backtrace::{Backtrace, BacktraceStatus};
 use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::process::ExitCode;
+use std::sync::{Mutex, PoisonError};
 
 use crate::interrupt;
 
@@ -62,6 +66,28 @@ pub(crate) fn tell(text: impl fmt::Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
+/// What a panic ends with, as in any program in Rust.
+const PANICKED: u8 = 101;
+
+/// Runs the program. A panic is told where it ends the program, as a fault of it, and not where it is only that of a library which somebody
+/// expects: a decoder's of a damaged image, the triangulation's of hard lines.
+pub(crate) fn guard(run: impl FnOnce() -> ExitCode) -> ExitCode {
+    static LAST: Mutex<String> = Mutex::new(String::new());
+    let last = || LAST.lock().unwrap_or_else(PoisonError::into_inner);
+    std::panic::set_hook(Box::new(move |panic| {
+        let trace = Backtrace::capture();
+        let asked_for = trace.status() == BacktraceStatus::Captured;
+        *last() = if asked_for { format!("{panic}\n{trace}") } else { panic.to_string() };
+    }));
+    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| {
+        tell(format_args!(
+            "error: {}\n  hint: this is a fault of catoptric: please report it with the scene and the command",
+            last()
+        ));
+        ExitCode::from(PANICKED)
+    })
+}
+
 /// The candidate that was probably meant by `text`.
 pub(crate) fn did_you_mean<'a>(text: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let lower = text.to_lowercase();
@@ -76,6 +102,17 @@ pub(crate) fn did_you_mean<'a>(text: &str, candidates: impl IntoIterator<Item = 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_panic_ends_the_program_where_nobody_expects_it() {
+        let code = |run: fn() -> ExitCode| format!("{:?}", guard(run));
+        let expected =
+            || catch_unwind(|| panic!("of a library")).map_or(ExitCode::from(7), |()| ExitCode::SUCCESS);
+        let unexpected = || panic!("of the program");
+        let codes = [code(|| ExitCode::from(3)), code(expected), code(unexpected)];
+        let _ = std::panic::take_hook();
+        assert_eq!(codes, [3, 7, PANICKED].map(|code| format!("{:?}", ExitCode::from(code))));
+    }
 
     #[test]
     fn a_slip_finds_its_word_and_nonsense_finds_none() {

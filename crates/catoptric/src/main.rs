@@ -29,13 +29,13 @@ use failure::Failure;
 fn main() -> ExitCode {
     let cli = Cli::parse();
     interrupt::install();
-    match run(&cli.command) {
+    failure::guard(|| match run(&cli.command) {
         Ok(code) => code,
         Err(failure) => {
             failure::tell(format_args!("error: {failure}"));
             ExitCode::from(failure.exit_code())
         }
-    }
+    })
 }
 
 fn run(command: &Command) -> Result<ExitCode, Failure> {
