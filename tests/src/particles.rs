@@ -116,7 +116,7 @@ fn from_punctual(scenery: &Scenery, light: &PunctualLight, random: &mut Random) 
         let radius = 0.5 * tracer.diagonal();
         let across = random.cosine(light.direction);
         let disk = (across - light.direction * across.dot(light.direction)) * radius;
-        let origin = tracer.center() + disk - light.direction * (2.0 * radius);
+        let origin = tracer.extent().all.center.as_vec3() + disk - light.direction * (2.0 * radius);
         let power = light.intensity * (PI * radius * radius);
         return (Ray::free(origin, light.direction), power, MediumStack::AIR);
     }
