@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use catoptric_scene::{Scene, TriangleId};
-use catoptric_trace::{BoxTree, Extent};
+use catoptric_trace::{BoxTree, Tracer};
 
 use crate::arrangement::{Points, outline};
 use crate::face::FaceDraft;
@@ -52,18 +52,19 @@ pub struct Obstacles {
     reach: f64,
 }
 
-/// Distance from a plane that counts as touching, relative to how far the scene reaches, but for what is outlying: f32 positions carry 2⁻²⁴ each, authored
-/// contact is often off by a few of them after transforms.
+/// Distance from a plane that counts as touching, relative to how far the scene reaches, but for what is outlying: f32 positions carry
+/// 2⁻²⁴ each, authored contact is often off by a few of them after transforms.
 const TOUCH: f64 = 4e-6;
 
 impl Obstacles {
     /// All triangles of the scene.
-    pub fn new(scene: &Scene) -> Self {
+    pub fn new(tracer: &Tracer) -> Self {
+        let scene = tracer.scene();
         let boxes = (0..scene.triangles().len() as u32).map(|t| {
             let [a, b, c] = scene.corners(TriangleId(t));
             [a.min(b).min(c), a.max(b).max(c)]
         });
-        Self { tree: BoxTree::new(boxes), reach: Extent::new(scene).inner.reach() }
+        Self { tree: BoxTree::new(boxes), reach: tracer.extent().inner.reach() }
     }
 
     /// Distance that counts as touching, metres.
@@ -366,7 +367,7 @@ mod tests {
                 own.iter().map(flat).collect()
             })
             .collect();
-        let lines = Obstacles::new(&scene).contact_lines(&scene, &drafts, &flats, 1.0, 0.005);
+        let lines = Obstacles::new(&tracer).contact_lines(&scene, &drafts, &flats, 1.0, 0.005);
         let floor = drafts
             .iter()
             .position(|f| f.side == Side::Front && f.triangles.contains(&TriangleId(0)))

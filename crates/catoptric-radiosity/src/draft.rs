@@ -138,7 +138,7 @@ pub(crate) fn edge(a: u32, b: u32) -> (u32, u32) {
 impl Draft {
     /// Cuts the diffuse sides of the scene into triangles with edges about `spacing` long, metres.
     pub fn new(tracer: &Tracer, spacing: f32) -> Self {
-        let obstacles = Obstacles::new(tracer.scene());
+        let obstacles = Obstacles::new(tracer);
         Self::on(tracer, &obstacles, faces(tracer), &Lattice::even(spacing), f32::INFINITY)
     }
 

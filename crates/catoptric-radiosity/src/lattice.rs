@@ -264,7 +264,7 @@ mod tests {
         let tracer = Tracer::new(&scene);
         let faces = faces(&tracer);
         let lattice = Lattice::new(&tracer, &faces, COUNT);
-        let draft = Draft::on(&tracer, &Obstacles::new(&scene), faces, &lattice, f32::INFINITY);
+        let draft = Draft::on(&tracer, &Obstacles::new(&tracer), faces, &lattice, f32::INFINITY);
         let is_inside = |v: &u32| {
             let position = draft.vertices[*v as usize].position;
             position.cmpge(low - 1e-4).all() && position.cmple(high + 1e-4).all()

@@ -305,7 +305,7 @@ mod tests {
         let tracer = Tracer::new(&scene);
         let spacing = 0.2;
         let lattice = Lattice::even(spacing);
-        let obstacles = Obstacles::new(&scene);
+        let obstacles = Obstacles::new(&tracer);
         let mut draft = Draft::on(&tracer, &obstacles, faces(&tracer), &lattice, 0.01);
         let near = Near::new(&tracer, &draft, &draft.display(&tracer), spacing, 0);
         let params =
@@ -354,7 +354,7 @@ mod tests {
         let params =
             NearParams { ratio: 1.2, rounds: 0, detail_rounds: 4, detail_share: 9.0, max_details: 5000 };
         let finest = params.finest(spacing);
-        let mut draft = Draft::on(&tracer, &Obstacles::new(&scene), faces(&tracer), &lattice, finest);
+        let mut draft = Draft::on(&tracer, &Obstacles::new(&tracer), faces(&tracer), &lattice, finest);
         let near = Near::new(&tracer, &draft, &draft.display(&tracer), spacing, 0);
         near.refine(&tracer, &mut draft, &params, &lattice, 0);
         let corners = |leaf: &crate::draft::Leaf| leaf.vertices.map(|v| draft.vertices[v as usize].position);

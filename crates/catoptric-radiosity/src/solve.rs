@@ -246,7 +246,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
             let lattice = Lattice::new(tracer, &faces, base_triangles);
             (faces, lattice)
         },
-        || Obstacles::new(tracer.scene()),
+        || Obstacles::new(tracer),
     );
     let spacing = lattice.spacing;
     let mut draft = Draft::on(tracer, &obstacles, faces, &lattice, params.near.finest(spacing));

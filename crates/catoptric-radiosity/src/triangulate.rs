@@ -233,7 +233,7 @@ impl<'a> Inside<'a> {
 type Cdt = ConstrainedDelaunayTriangulation<Site>;
 
 /// The triangulation of some points with these edges, its triangles refined until they are well shaped or smaller than `least_area`, m².
-/// Nothing where edges meet outside of their ends.
+/// Nothing where a coordinate is more than spade takes.
 fn refined(vertices: &[Site], edges: &[[usize; 2]], least_area: f64) -> Option<Cdt> {
     let mut most = ADDED * vertices.len();
     loop {
@@ -394,7 +394,7 @@ mod tests {
         ];
         let vertices = points.map(|(x, y)| Site { position: Point2::new(x, y) });
         let edges = [[0, 1], [2, 10], [3, 4], [3, 5]];
-        let cdt = refined(&vertices, &edges, 5e-4).expect("no lines meet");
+        let cdt = refined(&vertices, &edges, 5e-4).expect("the coordinates are small");
         assert!(cdt.num_vertices() >= points.len());
         let is_kept = |[a, b]: &[usize; 2]| {
             let [a, b] = [a, b].map(|v| spade::handles::FixedVertexHandle::from_index(*v));

@@ -230,16 +230,17 @@ impl Locator {
         for (index, (cell, _)) in (nested..).zip(&crowded) {
             self.entries[next[*cell] as usize] = NESTED | index;
         }
-        let mut is_crowded = crowded.iter().map(|(cell, _)| *cell).peekable();
-        let is_crowded: Vec<bool> =
-            (0..next.len()).map(|cell| is_crowded.next_if_eq(&cell).is_some()).collect();
         for (&element, own) in own.iter().zip(&cells) {
-            for cell in grid.within(own).filter(|&cell| !is_crowded[cell]) {
-                self.entries[next[cell] as usize] = first_element + element;
-                next[cell] += 1;
+            for cell in grid.within(own) {
+                // A crowded cell keeps its one entry.
+                let entry = &mut self.entries[next[cell] as usize];
+                if *entry & NESTED == 0 {
+                    *entry = first_element + element;
+                    next[cell] += 1;
+                }
             }
         }
-        // Most points of a cell lie in the element that holds its middle.
+        // Most points of a cell lie in the element that holds its middle. (Of crowded cells, nothing has been listed.)
         let shapes = &self.shapes[self.shapes.len() - corners.len()..];
         let starts = self.starts[first_cell as usize..].iter().map(|&start| start as usize);
         let ends = next.iter().map(|&end| end as usize);

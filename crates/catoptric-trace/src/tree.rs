@@ -60,16 +60,20 @@ pub(crate) struct Boxes {
     padding: f32,
 }
 
+/// The box of some points.
+fn box_of<'a>(points: impl Iterator<Item = &'a Vec3>) -> Aabb {
+    let mut aabb = Aabb::empty();
+    for point in points {
+        aabb.extend((*point).into());
+    }
+    aabb
+}
+
 impl Boxes {
     /// Around triangles with these corners, of which some, by their index, reach far beyond the others.
     pub(crate) fn around(triangles: &[[Vec3; 3]], is_outlying: impl Fn(usize) -> bool) -> Self {
-        let around = |corners: &mut dyn Iterator<Item = &Vec3>| {
-            let mut aabb = Aabb::empty();
-            corners.for_each(|corner| _ = aabb.extend((*corner).into()));
-            aabb
-        };
         let inner = triangles.iter().enumerate().filter(|(index, _)| !is_outlying(*index));
-        let inner = around(&mut inner.flat_map(|(_, corners)| corners));
+        let inner = box_of(inner.flat_map(|(_, corners)| corners));
         // Half a ten-thousandth of a percent of the scene: above the rounding of slabs and positions (2⁻²³ each).
         let padding_of = |all: &Aabb| {
             let reach = all.min.abs().max(all.max.abs()).max_element().max(all.diagonal().max_element());
@@ -83,7 +87,7 @@ impl Boxes {
             .iter()
             .enumerate()
             .map(|(index, corners)| {
-                let mut aabb = around(&mut corners.iter());
+                let mut aabb = box_of(corners.iter());
                 let padding = if is_outlying(index) { padding_of(&aabb).max(padding) } else { padding };
                 aabb.min -= padding;
                 aabb.max += padding;
