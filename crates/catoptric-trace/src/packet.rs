@@ -58,6 +58,11 @@ pub(crate) struct Nearest {
     pub(crate) flags: u8,
 }
 
+impl Nearest {
+    pub(crate) const NONE: Self =
+        Self { t: f32::INFINITY, id: u32::MAX, u: 0.0, v: 0.0, back: false, plane: PlaneId::NONE, flags: 0 };
+}
+
 impl Probe {
     #[inline]
     pub(crate) fn new(origin: Vec3, direction: Vec3, ignore: [PlaneId; 2]) -> Self {
@@ -138,13 +143,14 @@ impl Packet {
         }
     }
 
-    /// What lies at t < `limit`.
+    /// What lies at t < `limit`; `passed` is told of what lets light pass undeviated, as long as nothing blocks.
     #[inline(always)]
     pub(crate) fn occlusion(
         &self,
         probe: &Probe,
         limit: f32,
         accept: impl Fn(&Nearest) -> bool,
+        mut passed: impl FnMut(Nearest),
     ) -> Occlusion {
         let mut occlusion = Occlusion::Free;
         let Some(candidates) = self.intersect(probe, limit) else { return occlusion };
@@ -161,6 +167,7 @@ impl Packet {
             if self.flags[lane] & PASSES == 0 {
                 return Occlusion::Blocked;
             }
+            passed(candidates.hit(lane, self));
             occlusion = Occlusion::Passing;
         }
         occlusion

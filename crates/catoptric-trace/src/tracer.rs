@@ -393,13 +393,7 @@ impl<'a> Tracer<'a> {
         to: PlaneId,
         before: f32,
     ) -> Rgb {
-        let direction = target - origin;
-        let probe = Probe::new(origin, direction, [from, to]);
-        match self.accelerator.tree.occlusion(&probe, 1.0, |n| self.is_solid_here(n)) {
-            Occlusion::Blocked => Rgb::ZERO,
-            Occlusion::Free => Rgb::ONE,
-            Occlusion::Passing => self.undeviated(origin, from, direction, 1.0, to, before),
-        }
+        self.segment(origin, from, target - origin, 1.0, to, before)
     }
 
     /// Share of light that gets straight from `origin` along `direction` to the first of `triangles` that it meets: 0 where
@@ -452,7 +446,8 @@ impl<'a> Tracer<'a> {
     ) -> Rgb {
         let direction = target - origin;
         let probe = Probe::new(origin, direction, [from, to]);
-        match self.accelerator.tree.occlusion_among(suspects, &probe, 1.0, |n| self.is_solid_here(n)) {
+        match self.accelerator.tree.occlusion_among(suspects, &probe, 1.0, |n| self.is_solid_here(n), |_| {})
+        {
             Occlusion::Blocked => Rgb::ZERO,
             Occlusion::Free => Rgb::ONE,
             Occlusion::Passing => self.undeviated(origin, from, direction, 1.0, to, 0.0),
@@ -470,18 +465,75 @@ impl<'a> Tracer<'a> {
         limit: f32,
     ) -> Occlusion {
         let probe = Probe::new(origin, direction, [from, PlaneId::NONE]);
-        self.accelerator.tree.occlusion_among(suspects, &probe, limit, |n| self.is_solid_here(n))
+        self.accelerator.tree.occlusion_among(suspects, &probe, limit, |n| self.is_solid_here(n), |_| {})
     }
 
     /// Share of light that gets straight from `origin` out of the scene along `direction`.
     #[inline]
     pub fn visibility_to_infinity(&self, origin: Vec3, from: PlaneId, direction: Vec3) -> Rgb {
-        let probe = Probe::new(origin, direction, [from, PlaneId::NONE]);
-        match self.accelerator.tree.occlusion(&probe, f32::INFINITY, |n| self.is_solid_here(n)) {
+        self.segment(origin, from, direction, f32::INFINITY, PlaneId::NONE, 0.0)
+    }
+
+    /// Share of light that gets straight along `length` times a direction, to the plane `to`, after `before` metres over mirrors.
+    #[inline]
+    fn segment(
+        &self,
+        origin: Vec3,
+        from: PlaneId,
+        direction: Vec3,
+        length: f32,
+        to: PlaneId,
+        before: f32,
+    ) -> Rgb {
+        let probe = Probe::new(origin, direction, [from, to]);
+        if self.accelerator.passes_anything {
+            return self.segment_of(&probe, from, direction, length, to, before);
+        }
+        match self.accelerator.tree.occlusion(&probe, length, |n| self.is_solid_here(n), |_| {}) {
+            Occlusion::Free => Rgb::ONE,
+            Occlusion::Passing | Occlusion::Blocked => Rgb::ZERO,
+        }
+    }
+
+    /// The same where something may let light pass: what does is kept while the tree is asked what blocks.
+    #[inline(never)]
+    fn segment_of(
+        &self,
+        probe: &Probe,
+        from: PlaneId,
+        direction: Vec3,
+        length: f32,
+        to: PlaneId,
+        before: f32,
+    ) -> Rgb {
+        let mut sheets = Sheets::default();
+        let accept = |n: &Nearest| self.is_solid_here(n);
+        match self.accelerator.tree.occlusion(probe, length, accept, |n| sheets.add(n)) {
             Occlusion::Blocked => Rgb::ZERO,
             Occlusion::Free => Rgb::ONE,
-            Occlusion::Passing => self.undeviated(origin, from, direction, f32::INFINITY, PlaneId::NONE, 0.0),
+            Occlusion::Passing => match sheets.in_order() {
+                Some(sheets) => self.through(sheets, direction, length, before),
+                None => self.undeviated(probe.origin, from, direction, length, to, before),
+            },
         }
+    }
+
+    /// Share of light that gets through all that is in the way, in order.
+    fn through(&self, sheets: &[Nearest], direction: Vec3, length: f32, before: f32) -> Rgb {
+        let scale = direction.length();
+        let mut passage = Passage::new(self, direction.normalize_or_zero(), before + scale * length);
+        let mut last = (0.0, PlaneId::NONE);
+        for sheet in sheets {
+            // An edge between two triangles belongs to both.
+            if sheet.plane == last.1 {
+                continue;
+            }
+            if !passage.passes(&Hit::new(sheet), (sheet.t - last.0) * scale) {
+                return Rgb::ZERO;
+            }
+            last = (sheet.t, sheet.plane);
+        }
+        passage.share()
     }
 
     /// Whether shadow rays may meet things that let a part pass.
@@ -520,6 +572,38 @@ impl<'a> Tracer<'a> {
             from = self.accelerator.planes.of(hit.triangle);
         }
         Rgb::ZERO
+    }
+}
+
+/// Sheets on a segment that are remembered: two panes of two surfaces, each met along an edge.
+const MOST_SHEETS: usize = 8;
+
+/// What a segment meets that lets light pass undeviated.
+struct Sheets {
+    found: [Nearest; MOST_SHEETS],
+    /// How many there are, those that did not fit included.
+    count: usize,
+}
+
+impl Default for Sheets {
+    fn default() -> Self {
+        Self { found: [Nearest::NONE; MOST_SHEETS], count: 0 }
+    }
+}
+
+impl Sheets {
+    fn add(&mut self, sheet: Nearest) {
+        if let Some(place) = self.found.get_mut(self.count) {
+            *place = sheet;
+        }
+        self.count += 1;
+    }
+
+    /// By distance, and by id where that is the same; `None` if there are more.
+    fn in_order(&mut self) -> Option<&[Nearest]> {
+        let found = self.found.get_mut(..self.count)?;
+        found.sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.id.cmp(&b.id)));
+        Some(found)
     }
 }
 

@@ -366,15 +366,16 @@ impl Tree {
     }
 
     /// Whether anything lies at t < `limit`: `Blocked` by a triangle that lets nothing pass, `Passing` if only
-    /// triangles that let light pass undeviated are in the way.
+    /// triangles that let light pass undeviated are in the way. Of these `passed` is told, in no order, and maybe more than once.
     #[inline]
     pub(crate) fn occlusion(
         &self,
         probe: &Probe,
         limit: f32,
         accept: impl Fn(&Nearest) -> bool,
+        passed: impl FnMut(Nearest),
     ) -> Occlusion {
-        at_level!(self.level, eight => self.occlusion_by(eight, probe, limit, accept))
+        at_level!(self.level, eight => self.occlusion_by(eight, probe, limit, accept, passed))
     }
 
     #[inline(always)]
@@ -384,6 +385,7 @@ impl Tree {
         probe: &Probe,
         limit: f32,
         accept: impl Fn(&Nearest) -> bool,
+        mut passed: impl FnMut(Nearest),
     ) -> Occlusion {
         let mut occlusion = Occlusion::Free;
         self.traverse(
@@ -392,7 +394,7 @@ impl Tree {
             limit,
             #[inline(always)]
             |packet, limit| {
-                occlusion = occlusion.max(packet.occlusion(probe, limit, &accept));
+                occlusion = occlusion.max(packet.occlusion(probe, limit, &accept, &mut passed));
                 (occlusion < Occlusion::Blocked).then_some(limit)
             },
         );
@@ -407,10 +409,11 @@ impl Tree {
         probe: &Probe,
         limit: f32,
         accept: impl Fn(&Nearest) -> bool,
+        mut passed: impl FnMut(Nearest),
     ) -> Occlusion {
         let mut occlusion = Occlusion::Free;
         for packet in suspects.packets(self) {
-            occlusion = occlusion.max(packet.occlusion(probe, limit, &accept));
+            occlusion = occlusion.max(packet.occlusion(probe, limit, &accept, &mut passed));
             if occlusion == Occlusion::Blocked {
                 break;
             }

@@ -138,6 +138,10 @@ impl SkyView {
 pub(super) struct Cells {
     /// Radiance at the corners of the finest cells, row by row; NaN where nobody has looked.
     corners: Vec<Rgb>,
+    /// Those where somebody has.
+    looked_at: Vec<u32>,
+    /// Where they are on the hemisphere about +Z.
+    directions: Vec<Vec3>,
     /// Finest cells along a side.
     finest: u32,
     /// Those that are looked at, all of one size, …
@@ -162,6 +166,8 @@ const LEAST: u32 = 2;
 const UNCERTAIN: f32 = 0.4;
 /// Variance of a ray into a cell whose corners differ by 1: the share of it that is seen may be anything.
 const VARIANCE: f32 = 1.0 / 6.0;
+/// Times less of it, once cells are quartered: half of the quarters are whole on one side of a border, and each is a fourth as large.
+const LESS_DOUBT: f32 = 8.0;
 
 impl Lights<'_> {
     /// Whether some of the sky is no source like a lamp.
@@ -234,10 +240,9 @@ impl<'a> Hemisphere<'a> {
         Self { lights, sky, receiver, axes: [tangent, bitangent], clear, scratch }
     }
 
-    /// Where a point of the unit square is mapped to, and what arrives from there if nothing is in between.
-    fn open(&self, point: Vec2) -> (Vec3, Rgb) {
+    /// A direction of the hemisphere about +Z, in the scene, and what arrives from there if nothing is in between.
+    fn open(&self, local: Vec3) -> (Vec3, Rgb) {
         let receiver = self.receiver;
-        let local = cosine_hemisphere(point);
         let direction = self.axes[0] * local.x + self.axes[1] * local.y + receiver.normal * local.z;
         if direction.dot(receiver.geometric) <= 0.0 || self.lights.bright.holds(self.sky, direction) {
             return (direction, Rgb::ZERO);
@@ -246,9 +251,9 @@ impl<'a> Hemisphere<'a> {
         (direction, radiance * self.clear * receiver.coat.transmittance(local.z))
     }
 
-    /// Radiance that arrives from there.
-    fn radiance(&mut self, point: Vec2) -> Rgb {
-        let (direction, radiance) = self.open(point);
+    /// Radiance that arrives from a direction of the hemisphere about +Z.
+    fn radiance(&mut self, local: Vec3) -> Rgb {
+        let (direction, radiance) = self.open(local);
         if radiance == Rgb::ZERO {
             return Rgb::ZERO;
         }
@@ -287,7 +292,7 @@ impl<'a> Hemisphere<'a> {
     /// Radiance at a place in a cell, of which two of size 1 are along the side of one of the view's.
     fn look_into(&mut self, cell: Cell, place: Vec2, view: &mut SkyView) -> Rgb {
         let at = Vec2::new(cell.x as f32, cell.y as f32) + place * cell.size as f32;
-        let radiance = self.radiance(at / (2 * SIDE) as f32);
+        let radiance = self.radiance(cosine_hemisphere(at / (2 * SIDE) as f32));
         let [x, y] = [at.x, at.y].map(|c| (c as u32 / 2).min(SIDE - 1));
         view.mark(Cell { x, y, size: 1 }, radiance != Rgb::ZERO);
         radiance
@@ -340,7 +345,7 @@ impl Count {
     fn add(&mut self, cell: Cell, hemisphere: &mut Hemisphere) -> bool {
         self.drawn += 1;
         let at = Vec2::new(cell.x as f32, cell.y as f32) + self.key.point2(self.drawn) * cell.size as f32;
-        let radiance = hemisphere.radiance(at / self.finest as f32);
+        let radiance = hemisphere.radiance(cosine_hemisphere(at / self.finest as f32));
         let is_seen = radiance != Rgb::ZERO;
         self.found.irradiance += radiance * (self.area(cell) * PI);
         self.mark(cell, is_seen);
@@ -353,25 +358,42 @@ impl Count {
 }
 
 impl Cells {
-    /// All cells, `side` along each side, are open, and quartered once where the border of what is seen may be, if others have looked;
-    /// the rest is counted.
+    /// All cells, `side` along each side, are open; those in which the border of what is seen cannot be, if others have looked, are
+    /// counted.
     fn begin(&mut self, side: u32, beside: Option<&SkyView>, hemisphere: &mut Hemisphere, count: &mut Count) {
-        self.finest = count.finest;
-        self.corners.clear();
-        self.corners.resize(((self.finest + 1) * (self.finest + 1)) as usize, Rgb::NAN);
+        if self.finest == count.finest {
+            for corner in self.looked_at.drain(..) {
+                self.corners[corner as usize] = Rgb::NAN;
+            }
+        } else {
+            self.set_finest(count.finest);
+        }
         self.open.clear();
         let borders = beside.map(SkyView::borders);
         let size = self.finest / side;
         for index in 0..side * side {
             let cell = Cell { x: index % side * size, y: index / side * size, size };
-            match borders.map(|borders| has_bits(&borders, cell.coarser(self.finest / SIDE))) {
-                None => self.open.push(cell),
-                Some(true) => self.open.extend(cell.quarters()),
-                Some(false) => {
-                    count.add(cell, hemisphere);
-                }
+            let is_open = borders.is_none_or(|borders| has_bits(&borders, cell.coarser(self.finest / SIDE)));
+            if is_open {
+                self.open.push(cell);
+            } else {
+                count.add(cell, hemisphere);
             }
         }
+    }
+
+    /// Nobody has looked at the corners of so many cells along a side.
+    fn set_finest(&mut self, finest: u32) {
+        self.finest = finest;
+        self.looked_at.clear();
+        self.corners.clear();
+        self.corners.resize(((finest + 1) * (finest + 1)) as usize, Rgb::NAN);
+        // At the rim nothing arrives from below the surface.
+        let rim = Vec2::splat(0.5 / finest as f32);
+        let corners = (0..=finest)
+            .flat_map(|y| (0..=finest).map(move |x| Vec2::new(x as f32, y as f32) / finest as f32));
+        self.directions.clear();
+        self.directions.extend(corners.map(|at| cosine_hemisphere(at.clamp(rim, 1.0 - rim))));
     }
 
     /// Counts the open cells, quartered until what is uncertain is less than a share of the light. Those that others saw a part of
@@ -386,8 +408,7 @@ impl Cells {
     ) {
         let mut brightest = 0.0_f32;
         let mut different = None;
-        // They are quartered once already where others have looked.
-        for level in u32::from(beside.is_some()).. {
+        for level in 0.. {
             // The light by what is known of it now, and what it leaves open.
             let (mut light, mut doubt) = (count.found.irradiance / PI, 0.0_f32);
             self.looks.clear();
@@ -400,14 +421,15 @@ impl Cells {
             }
             let different = *different.get_or_insert(DIFFERENT * light.max_element());
             let least = self.open.first().map_or(0.0, |&cell| FEW * count.area(cell) * brightest);
-            let is_few = level == 0 && light.max_element() <= least;
+            let is_few = level == 0 && beside.is_none() && light.max_element() <= least;
             self.next.clear();
             for (&cell, corners) in self.open.iter().zip(&self.looks) {
                 let most = corners.iter().copied().fold(Rgb::ZERO, Rgb::max);
                 let mut difference = most - corners.iter().copied().fold(Rgb::INFINITY, Rgb::min);
                 if beside.is_some_and(|view| view.is_divided(cell, self.finest)) {
                     let middle = Vec2::new(cell.x as f32, cell.y as f32) + 0.5 * cell.size as f32;
-                    difference = difference.max(hemisphere.open(middle / self.finest as f32).1);
+                    difference =
+                        difference.max(hemisphere.open(cosine_hemisphere(middle / self.finest as f32)).1);
                 }
                 let differ = difference.max_element() > different;
                 if most != Rgb::ZERO {
@@ -436,6 +458,14 @@ impl Cells {
                 count.found.variance = doubt * PI * PI;
                 return;
             }
+            if !is_few && doubt <= LESS_DOUBT * allowed * allowed {
+                // The rays in their quarters do, wherever the border is in these.
+                for cell in self.next.iter().flat_map(|cell| cell.quarters()) {
+                    count.add(cell, hemisphere);
+                }
+                count.found.variance = doubt * PI * PI / LESS_DOUBT;
+                return;
+            }
             self.open.clear();
             self.open.extend(self.next.iter().flat_map(|cell| cell.quarters()));
         }
@@ -446,10 +476,8 @@ impl Cells {
         [(x, y), (x + size, y), (x, y + size), (x + size, y + size)].map(|(x, y)| {
             let index = (y * (self.finest + 1) + x) as usize;
             if self.corners[index].is_nan() {
-                // At the rim nothing arrives from below the surface.
-                let at = Vec2::new(x as f32, y as f32) / self.finest as f32;
-                let rim = Vec2::splat(0.5 / self.finest as f32);
-                self.corners[index] = hemisphere.radiance(at.clamp(rim, 1.0 - rim));
+                self.corners[index] = hemisphere.radiance(self.directions[index]);
+                self.looked_at.push(index as u32);
             }
             self.corners[index]
         })
