@@ -178,14 +178,27 @@ fn beside_a_wall_it_is_what_the_wall_leaves() {
     let tracer = Tracer::new(&scene);
     let lights = Lights::new(&tracer, LightParams::default());
     for distance in [0.2_f32, 1.0, 5.0] {
-        let receiver = on_floor(&tracer, -1.0 + distance, 0.0);
+        let at = |dx: f32, dz: f32| on_floor(&tracer, -1.0 + (distance + dx).max(0.05), dz);
+        let receiver = at(0.0, 0.0);
         let expected = 0.5 * PI * (1.0 + distance / distance.hypot(2.0));
-        let found: Vec<f32> =
-            (0..64).map(|seed| skylight(&lights, &receiver, None, seed).0.irradiance.x / expected).collect();
-        let mean = found.iter().sum::<f32>() / 64.0;
-        let deviation = (found.iter().map(|v| (v - 1.0).powi(2)).sum::<f32>() / 64.0).sqrt();
-        assert!(deviation < uncertain(), "{distance}: {deviation}");
-        assert!((mean - 1.0).abs() < 4.0 * deviation / 8.0, "{distance}: {mean} ± {deviation}");
+        for others in [false, true] {
+            let (mut found, mut rays) = (Vec::new(), 0);
+            for seed in 0..64 {
+                let views = AROUND.iter().zip(0..).map(|(&(dx, dz), index)| {
+                    look(&lights, &at(dx, dz), true, 1000 + AROUND.len() as u32 * seed + index).view
+                });
+                let beside = SkyView::beside(receiver.normal, views).filter(|_| others);
+                let (sky, own) = skylight(&lights, &receiver, beside.as_ref(), seed);
+                found.push(sky.irradiance.x / expected);
+                rays += own;
+            }
+            let mean = found.iter().sum::<f32>() / 64.0;
+            let deviation = (found.iter().map(|v| (v - 1.0).powi(2)).sum::<f32>() / 64.0).sqrt();
+            assert!(deviation < uncertain(), "{distance}, {others}: {deviation}");
+            assert!((mean - 1.0).abs() < 4.0 * deviation / 8.0, "{distance}, {others}: {mean} ± {deviation}");
+            // Others know the border well enough: no own look at corners, but a ray into each of 64 cells or their quarters.
+            assert!(!others || rays <= 64 * 4 * 64, "{distance}: {rays}");
+        }
     }
 }
 

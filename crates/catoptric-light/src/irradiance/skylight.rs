@@ -3,7 +3,8 @@
 //! Cells of the unit square, which `cosine_hemisphere` maps, are quartered where their corners do not see the same (after
 //! Warnock 1969), as long as what is uncertain is more than the eye would notice. Rays to the corners decide, and count nothing; one
 //! ray somewhere inside each cell that is left counts for all of it: no sample has a say in its own weight. What receivers beside have
-//! seen tells where a border may be at all.
+//! seen tells where a border may be at all, and where there is much sky it mostly leaves so little uncertain that own looks at corners are not
+//! worth their rays.
 
 use std::f32::consts::PI;
 
@@ -166,8 +167,6 @@ const LEAST: u32 = 2;
 const UNCERTAIN: f32 = 0.4;
 /// Variance of a ray into a cell whose corners differ by 1: the share of it that is seen may be anything.
 const VARIANCE: f32 = 1.0 / 6.0;
-/// Times less of it, once cells are quartered: half of the quarters are whole on one side of a border, and each is a fourth as large.
-const LESS_DOUBT: f32 = 8.0;
 
 impl Lights<'_> {
     /// Whether some of the sky is no source like a lamp.
@@ -210,9 +209,14 @@ impl Lights<'_> {
         let mut cells = std::mem::take(&mut scratch.sky);
         let mut hemisphere = Hemisphere::new(self, sky, receiver, scratch);
         let side = if samples < FEW_SAMPLES { COARSE_OF_FEW } else { COARSE };
-        let mut count = Count { key, drawn: 0, finest: side << LEVELS, found: Skylight::nothing(receiver) };
+        let mut count =
+            Count { key, drawn: 0, seen: 0, finest: side << LEVELS, found: Skylight::nothing(receiver) };
         cells.begin(side, beside, &mut hemisphere, &mut count);
-        cells.quarter(beside, UNCERTAIN / (samples as f32).sqrt(), known, &mut hemisphere, &mut count);
+        let uncertain = UNCERTAIN / (samples as f32).sqrt();
+        // Where others know where borders are, own looks at corners are often not worth their rays.
+        if beside.is_none() || !cells.count_open(uncertain, known, &mut hemisphere, &mut count) {
+            cells.quarter(beside, uncertain, known, &mut hemisphere, &mut count);
+        }
         scratch.sky = cells;
         count.found
     }
@@ -330,6 +334,8 @@ impl Cell {
 struct Count {
     key: Key,
     drawn: u32,
+    /// Those that met the sky.
+    seen: u32,
     /// Finest cells along a side.
     finest: u32,
     found: Skylight,
@@ -348,6 +354,7 @@ impl Count {
         let radiance = hemisphere.radiance(cosine_hemisphere(at / self.finest as f32));
         let is_seen = radiance != Rgb::ZERO;
         self.found.irradiance += radiance * (self.area(cell) * PI);
+        self.seen += u32::from(is_seen);
         self.mark(cell, is_seen);
         is_seen
     }
@@ -358,8 +365,8 @@ impl Count {
 }
 
 impl Cells {
-    /// All cells, `side` along each side, are open; those in which the border of what is seen cannot be, if others have looked, are
-    /// counted.
+    /// All cells, `side` along each side, are open, and quartered once where the border of what is seen may be, if others have looked;
+    /// the rest is counted.
     fn begin(&mut self, side: u32, beside: Option<&SkyView>, hemisphere: &mut Hemisphere, count: &mut Count) {
         if self.finest == count.finest {
             for corner in self.looked_at.drain(..) {
@@ -373,11 +380,12 @@ impl Cells {
         let size = self.finest / side;
         for index in 0..side * side {
             let cell = Cell { x: index % side * size, y: index / side * size, size };
-            let is_open = borders.is_none_or(|borders| has_bits(&borders, cell.coarser(self.finest / SIDE)));
-            if is_open {
-                self.open.push(cell);
-            } else {
-                count.add(cell, hemisphere);
+            match borders.map(|borders| has_bits(&borders, cell.coarser(self.finest / SIDE))) {
+                None => self.open.push(cell),
+                Some(true) => self.open.extend(cell.quarters()),
+                Some(false) => {
+                    count.add(cell, hemisphere);
+                }
             }
         }
     }
@@ -396,6 +404,28 @@ impl Cells {
         self.directions.extend(corners.map(|at| cosine_hemisphere(at.clamp(rim, 1.0 - rim))));
     }
 
+    /// Counts the open cells as they are, if a border in each of them left no more uncertain than that; whether it did.
+    fn count_open(&self, uncertain: f32, known: Rgb, hemisphere: &mut Hemisphere, count: &mut Count) -> bool {
+        // As if half of each were seen.
+        let (mut light, mut doubt) = (count.found.irradiance / PI, 0.0_f32);
+        for &cell in &self.open {
+            let middle = self.corner(cell.x + cell.size / 2, cell.y + cell.size / 2);
+            let whole = hemisphere.open(self.directions[middle]).1 * count.area(cell);
+            light += whole * 0.5;
+            doubt += VARIANCE * whole.element_sum().powi(2);
+        }
+        let allowed = uncertain * (light + known / PI).element_sum();
+        if doubt > allowed * allowed {
+            return false;
+        }
+        for &cell in &self.open {
+            count.add(cell, hemisphere);
+        }
+        count.found.variance = doubt * PI * PI;
+        count.found.even = count.seen == 0 || count.seen == count.drawn;
+        true
+    }
+
     /// Counts the open cells, quartered until what is uncertain is less than a share of the light. Those that others saw a part of
     /// are uncertain, whatever their corners see: small windows hide between them.
     fn quarter(
@@ -408,7 +438,8 @@ impl Cells {
     ) {
         let mut brightest = 0.0_f32;
         let mut different = None;
-        for level in 0.. {
+        // They are quartered once already where others have looked.
+        for level in u32::from(beside.is_some()).. {
             // The light by what is known of it now, and what it leaves open.
             let (mut light, mut doubt) = (count.found.irradiance / PI, 0.0_f32);
             self.looks.clear();
@@ -421,15 +452,15 @@ impl Cells {
             }
             let different = *different.get_or_insert(DIFFERENT * light.max_element());
             let least = self.open.first().map_or(0.0, |&cell| FEW * count.area(cell) * brightest);
-            let is_few = level == 0 && beside.is_none() && light.max_element() <= least;
+            let is_few = level == 0 && light.max_element() <= least;
             self.next.clear();
             for (&cell, corners) in self.open.iter().zip(&self.looks) {
                 let most = corners.iter().copied().fold(Rgb::ZERO, Rgb::max);
                 let mut difference = most - corners.iter().copied().fold(Rgb::INFINITY, Rgb::min);
                 if beside.is_some_and(|view| view.is_divided(cell, self.finest)) {
                     let middle = Vec2::new(cell.x as f32, cell.y as f32) + 0.5 * cell.size as f32;
-                    difference =
-                        difference.max(hemisphere.open(cosine_hemisphere(middle / self.finest as f32)).1);
+                    let middle = cosine_hemisphere(middle / self.finest as f32);
+                    difference = difference.max(hemisphere.open(middle).1);
                 }
                 let differ = difference.max_element() > different;
                 if most != Rgb::ZERO {
@@ -458,14 +489,6 @@ impl Cells {
                 count.found.variance = doubt * PI * PI;
                 return;
             }
-            if !is_few && doubt <= LESS_DOUBT * allowed * allowed {
-                // The rays in their quarters do, wherever the border is in these.
-                for cell in self.next.iter().flat_map(|cell| cell.quarters()) {
-                    count.add(cell, hemisphere);
-                }
-                count.found.variance = doubt * PI * PI / LESS_DOUBT;
-                return;
-            }
             self.open.clear();
             self.open.extend(self.next.iter().flat_map(|cell| cell.quarters()));
         }
@@ -474,13 +497,17 @@ impl Cells {
     /// Radiance at the corners of a cell.
     fn corners_of(&mut self, Cell { x, y, size }: Cell, hemisphere: &mut Hemisphere) -> [Rgb; 4] {
         [(x, y), (x + size, y), (x, y + size), (x + size, y + size)].map(|(x, y)| {
-            let index = (y * (self.finest + 1) + x) as usize;
+            let index = self.corner(x, y);
             if self.corners[index].is_nan() {
                 self.corners[index] = hemisphere.radiance(self.directions[index]);
                 self.looked_at.push(index as u32);
             }
             self.corners[index]
         })
+    }
+
+    fn corner(&self, x: u32, y: u32) -> usize {
+        (y * (self.finest + 1) + x) as usize
     }
 }
 
