@@ -446,8 +446,7 @@ impl<'a> Tracer<'a> {
     ) -> Rgb {
         let direction = target - origin;
         let probe = Probe::new(origin, direction, [from, to]);
-        match self.accelerator.tree.occlusion_among(suspects, &probe, 1.0, |n| self.is_solid_here(n), |_| {})
-        {
+        match self.accelerator.tree.occlusion_among(suspects, &probe, 1.0, |n| self.is_solid_here(n)) {
             Occlusion::Blocked => Rgb::ZERO,
             Occlusion::Free => Rgb::ONE,
             Occlusion::Passing => self.undeviated(origin, from, direction, 1.0, to, 0.0),
@@ -465,7 +464,7 @@ impl<'a> Tracer<'a> {
         limit: f32,
     ) -> Occlusion {
         let probe = Probe::new(origin, direction, [from, PlaneId::NONE]);
-        self.accelerator.tree.occlusion_among(suspects, &probe, limit, |n| self.is_solid_here(n), |_| {})
+        self.accelerator.tree.occlusion_among(suspects, &probe, limit, |n| self.is_solid_here(n))
     }
 
     /// Share of light that gets straight from `origin` out of the scene along `direction`.
@@ -487,7 +486,9 @@ impl<'a> Tracer<'a> {
     ) -> Rgb {
         let probe = Probe::new(origin, direction, [from, to]);
         if self.accelerator.passes_anything {
-            return self.segment_of(&probe, from, direction, length, to, before);
+            return self
+                .among_sheets(&probe, direction, length, before)
+                .unwrap_or_else(|| self.undeviated(origin, from, direction, length, to, before));
         }
         match self.accelerator.tree.occlusion(&probe, length, |n| self.is_solid_here(n), |_| {}) {
             Occlusion::Free => Rgb::ONE,
@@ -495,26 +496,15 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// The same where something may let light pass: what does is kept while the tree is asked what blocks.
+    /// The same where something may let light pass: what does is kept while the tree is asked what blocks. `None` if it is too much.
     #[inline(never)]
-    fn segment_of(
-        &self,
-        probe: &Probe,
-        from: PlaneId,
-        direction: Vec3,
-        length: f32,
-        to: PlaneId,
-        before: f32,
-    ) -> Rgb {
+    fn among_sheets(&self, probe: &Probe, direction: Vec3, length: f32, before: f32) -> Option<Rgb> {
         let mut sheets = Sheets::default();
         let accept = |n: &Nearest| self.is_solid_here(n);
         match self.accelerator.tree.occlusion(probe, length, accept, |n| sheets.add(n)) {
-            Occlusion::Blocked => Rgb::ZERO,
-            Occlusion::Free => Rgb::ONE,
-            Occlusion::Passing => match sheets.in_order() {
-                Some(sheets) => self.through(sheets, direction, length, before),
-                None => self.undeviated(probe.origin, from, direction, length, to, before),
-            },
+            Occlusion::Blocked => Some(Rgb::ZERO),
+            Occlusion::Free => Some(Rgb::ONE),
+            Occlusion::Passing => Some(self.through(sheets.in_order()?, direction, length, before)),
         }
     }
 

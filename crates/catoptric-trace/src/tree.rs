@@ -409,11 +409,10 @@ impl Tree {
         probe: &Probe,
         limit: f32,
         accept: impl Fn(&Nearest) -> bool,
-        mut passed: impl FnMut(Nearest),
     ) -> Occlusion {
         let mut occlusion = Occlusion::Free;
         for packet in suspects.packets(self) {
-            occlusion = occlusion.max(packet.occlusion(probe, limit, &accept, &mut passed));
+            occlusion = occlusion.max(packet.occlusion(probe, limit, &accept, |_| {}));
             if occlusion == Occlusion::Blocked {
                 break;
             }
