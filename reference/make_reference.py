@@ -24,8 +24,9 @@ What is rendered
                      diffuse or emissive come from Mitsuba's stock `ptracer`, and only those whose first surface is a
                      mirror or glass from the path loop.  Together they are a partition.  The certificate says so.
                      (Stock `ptracer` knows no attenuation in glass: not for scenes that have it.)
-    caustics         Where only the caustics are hopeless, the paths light - curved or refracting - diffuse - eye come from
-                     a light-tracing loop and are left out of the path loop, again a partition.
+    caustics         Where only light by way of curved mirrors and glass is hopeless, the paths light - curved or refracting -
+                     diffuse - anything - diffuse - eye come from a light-tracing loop, which meets the eye directly and by
+                     way of the planar chains, and are left out of the path loop, again a partition.
     spot lights      I(angle) of KHR_lights_punctual: saturate((cos - cos outer) / (cos inner - cos outer))^2.
     attenuation      attenuationColor^(t / attenuationDistance) along the path inside the glass.
     furnaces         exact: all walls emit L and reflect rho, so every pixel is L / (1 - rho); no rendering.
@@ -201,11 +202,11 @@ def start_mitsuba():
         if found:
             os.environ['DRJIT_LIBLLVM_PATH'] = found[0]
     # module globals: the functions that Dr.Jit recompiles have no closure
-    global mi, dr, loop, light_loop
+    global mi, dr, loop, emission_loop, bounce_loop
     import mitsuba as mi
     mi.set_variant('llvm_ad_rgb')
     import drjit as dr
-    loop, light_loop = dr.syntax(trace_paths), dr.syntax(trace_light)
+    loop, emission_loop, bounce_loop = dr.syntax(trace_paths), dr.syntax(emit_light), dr.syntax(bounce_light)
 
 
 def write_ply(path, mesh, with_normals):
@@ -296,7 +297,6 @@ class PathTracer:
         self.emission = [F([m['material']['emission'][k] for m in order]) for k in range(3)]
         self.sigma = [F([m['material']['sigma'][k] for m in order]) for k in range(3)]
         self.ior = F([m['material']['ior'] for m in order])
-        self.flat = U([int(plane_of(m) is not None) for m in order])
 
         # emissive triangles, chosen by power
         tri = [(mesh['P'][f], mesh['material']['emission']) for mesh in meshes if mesh['material']['emission'].max() > 0
@@ -418,17 +418,48 @@ class PathTracer:
         return everything[near.reshape(-1)]
 
     def caustic_pass(self, seed, paths):
-        """-> the caustics that the camera sees directly, by light tracing"""
+        """-> (pixels, 6): light by way of curved mirrors and glass where the camera sees it on diffuse surfaces, directly and
+        in planar mirrors, by light tracing; its part that came to the surface seen without another diffuse one between"""
         w, h = self.size
         rng = mi.PCG32(size=paths, initstate=dr.opaque(mi.UInt64, 0x2545f4914f6cdd1d + 7919 * seed))
-        uv, value = light_loop(self, rng, paths)
-        x, y = dr.floor(uv.x), dr.floor(uv.y)
-        inside = (x >= 0) & (x < w) & (y >= 0) & (y < h) & (dr.max(value) > 0)
-        image = [dr.zeros(mi.Float, w * h) for _ in range(3)]
-        dr.eval(value, x, y, inside)
-        for k in range(3):
-            dr.scatter_reduce(dr.ReduceOp.Add, image[k], value[k], mi.UInt32(y) * w + mi.UInt32(x), inside)
+        ray, power, sigma, found = emission_loop(self, rng, paths)
+        dr.eval(ray, power, sigma, found)
+        kept = dr.compress(found)
+        image = [dr.zeros(mi.Float, w * h) for _ in range(6)]
+        dr.eval(image)
+        n = dr.width(kept)
+        if n:
+            ray, power, sigma = (dr.gather(type(v), v, kept) for v in (ray, power, sigma))
+            rng = mi.PCG32(size=n, initstate=dr.opaque(mi.UInt64, 0x3c6ef372fe94f82b + 7919 * seed))
+            dr.eval(bounce_loop(self, rng, ray, power, sigma, image))
+            dr.eval(image)
         return np.stack([np.array(v, np.float64) for v in image], -1) * (w * h / paths)
+
+    def meet_camera(self, si, power, bsdf, context, direction, active, image, first):
+        """Adds the light that a diffuse point sends to the camera, directly and by way of the planar chains, to the image."""
+        w, h = self.size
+        eye = mi.Point3f(self.scene['camera']['world'][:3, 3].tolist())
+        for chain in self.chains:
+            # the point as the camera sees it behind the mirrors, and the way back
+            seen = dr.zeros(mi.Interaction3f)
+            seen.p = mi.Point3f(si.p)
+            for m in chain:
+                p, n = mi.Point3f(*self.planes[m][0]), mi.Normal3f(*self.planes[m][1])
+                seen.p = seen.p - 2 * dr.dot(n, seen.p - p) * n
+            ds, importance = self.sensor.sample_direction(seen, mi.Point2f(0.5), active)
+            d = self.image(chain, mi.Point3f(0), mi.Vector3f(ds.d))[1]
+            ok = active & (ds.pdf > 0)
+            tau = self.follow(si.spawn_ray(d), chain, eye, ok)
+            wo = si.to_local(d)
+            # adjoint scattering with interpolated normals (Veach 1997, section 5.3.2)
+            adjoint = dr.abs(si.wi.z * dr.dot(si.n, d)) / dr.maximum(dr.abs(wo.z * dr.dot(si.n, direction)), 1e-6)
+            value = power * importance * bsdf.eval(context, si, wo, ok) * adjoint * tau
+            x, y = dr.floor(ds.uv.x), dr.floor(ds.uv.y)
+            ok &= (x >= 0) & (x < w) & (y >= 0) & (y < h) & (dr.max(value) > 0)
+            pixel = mi.UInt32(y) * w + mi.UInt32(x)
+            for k in range(3):
+                dr.scatter_reduce(dr.ReduceOp.Add, image[k], value[k], pixel, ok)
+                dr.scatter_reduce(dr.ReduceOp.Add, image[3 + k], value[k], pixel, ok & first)
 
     def render_pass(self, seed, pixels, batches):
         """-> batch means (pixels, batches, 6): radiance and its caustic part"""
@@ -451,7 +482,7 @@ def trace_paths(self, rng, ray):
     """One path per lane; -> (radiance, its part that came to the first diffuse surface by a curved mirror or glass)"""
     L, caustic, beta, sigma = mi.Color3f(0), mi.Color3f(0), mi.Color3f(1), mi.Color3f(0)
     depth, code, mirrors, diffuse, crossed = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
-    sampled, curved, active, diffuse_first = mi.Bool(True), mi.Bool(False), mi.Bool(True), mi.Bool(False)
+    sampled, curved, active, plain = mi.Bool(True), mi.Bool(False), mi.Bool(True), mi.Bool(True)
     length, p_scatter, eta = mi.Float(0), mi.Float(0), mi.Float(1)
     ray = mi.Ray3f(ray)
     while active:
@@ -461,7 +492,6 @@ def trace_paths(self, rng, ray):
         kind = self.look_up(self.kind, shape, active)
         beta *= dr.select(active, dr.exp(-sigma * si.t), 1)
         length += dr.select(active, si.t, 0)
-        diffuse_first |= (depth == 0) & (kind == 0)
         if dr.hint(self.specular_first, mode='scalar'):
             active &= (depth > 0) | (kind != 0)
 
@@ -472,11 +502,10 @@ def trace_paths(self, rng, ray):
             known = sampled & (mirrors <= self.longest) & (diffuse > 0)
             weight = dr.select(known, dr.square(p_scatter) / (dr.square(p_light) + dr.square(p_scatter)), 1)
             glow = dr.select(active & (cos_light > 1e-6), beta * self.look_up(self.emission, shape, active) * weight, 0)
-            by_curve = curved & (diffuse == 1)
             if dr.hint(self.drop_caustics, mode='scalar'):
-                glow = dr.select(by_curve & diffuse_first, 0, glow)
+                glow = dr.select(curved & (diffuse > 0) & plain, 0, glow)
             L += glow
-            caustic += dr.select(by_curve, glow, 0)
+            caustic += dr.select(curved & (diffuse == 1), glow, 0)
 
         # light on a diffuse surface
         bsdf = si.bsdf()
@@ -497,6 +526,8 @@ def trace_paths(self, rng, ray):
         sampled = here | (sampled & (plane > 0)) | (sampled & passed & (crossed <= self.panes))
         curved = ~here & (curved | (kind == 3) | ((kind == 1) & (plane == 0)))
         mirrors = dr.select(here, 0, mirrors + dr.select(plane > 0, 1, 0))
+        # the first diffuse surface is seen directly or by way of a planar chain
+        plain &= here | (diffuse > 0) | ((plane > 0) & (mirrors <= self.longest))
         length = dr.select(here, 0, length)
         p_scatter = dr.select(here, bs.pdf, p_scatter)
         diffuse += dr.select(here, 1, 0)
@@ -511,9 +542,9 @@ def trace_paths(self, rng, ray):
     return L, caustic
 
 
-def trace_light(self, rng, n):
-    """Light paths that reach their first diffuse surface by way of a curved mirror or glass, seen directly by the camera;
-    -> (film position, contribution)"""
+def emit_light(self, rng, n):
+    """Light paths up to their first diffuse surface; -> (ray that meets it, power, attenuation on the way, whether they came there
+    by way of a curved mirror or glass)"""
     t = self.light_cdf.sample(rng.next_float32())
     u, v = dr.sqrt(rng.next_float32()), rng.next_float32()
     a, b, c = (dr.gather(mi.Point3f, self.corner[k], t) for k in range(3))
@@ -522,40 +553,62 @@ def trace_light(self, rng, n):
     out = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(mi.Point2f(rng.next_float32(), rng.next_float32())))
     power = dr.gather(mi.Color3f, self.light_radiance, t) * dr.pi / dr.gather(mi.Float, self.light_density, t)
     ray = mi.Ray3f(start + 1e-4 * normal, out)
-    sigma, uv, value = mi.Color3f(0), mi.Point2f(0), mi.Color3f(0)
-    depth, curved, active = mi.UInt32(0), mi.Bool(False), mi.Bool(True)
+    sigma = mi.Color3f(0)
+    depth, curved, active, found = mi.UInt32(0), mi.Bool(False), mi.Bool(True), mi.Bool(False)
     while active:
         si = self.world.ray_intersect(ray, active)
         active &= si.is_valid()
         shape = dr.reinterpret_array(mi.UInt32, si.shape)
         kind = self.look_up(self.kind, shape, active)
-        power *= dr.select(active, dr.exp(-sigma * si.t), 1)
-        bsdf = si.bsdf()
-        context = mi.BSDFContext(mi.TransportMode.Importance)
-
-        end = active & (kind == 0)
-        if end & curved:
-            ds, importance = self.sensor.sample_direction(si, mi.Point2f(0.5), end & curved)
-            seen = end & curved & (ds.pdf > 0)
-            seen &= ~self.world.ray_test(si.spawn_ray_to(ds.p), seen)
-            wo = si.to_local(ds.d)
-            # adjoint scattering with interpolated normals (Veach 1997, section 5.3.2)
-            adjoint = dr.abs(si.wi.z * dr.dot(si.n, ds.d)) / dr.maximum(dr.abs(wo.z * dr.dot(si.n, ray.d)), 1e-6)
-            value = dr.select(seen, power * importance * bsdf.eval(context, si, wo, seen) * adjoint, value)
-            uv = dr.select(seen, ds.uv, uv)
-        active &= ~end
-
-        bs, weight = bsdf.sample(context, si, rng.next_float32(), mi.Point2f(rng.next_float32(), rng.next_float32()), active)
-        direction = si.to_world(bs.wo)
-        adjoint = dr.abs(si.wi.z * dr.dot(si.n, direction)) / dr.maximum(dr.abs(bs.wo.z * dr.dot(si.n, ray.d)), 1e-6)
-        power *= dr.select(active, weight * dr.select(mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null), 1, adjoint), 1)
-        refracted = mi.has_flag(bs.sampled_type, mi.BSDFFlags.DeltaTransmission) & (kind == 3)
-        sigma = dr.select(refracted, dr.select(bs.wo.z < 0, self.look_up(self.sigma, shape, active), 0), sigma)
-        curved |= (kind == 3) | ((kind == 1) & (self.look_up(self.flat, shape, active) == 0))
-        ray = si.spawn_ray(direction)
+        found |= active & (kind == 0) & curved
+        active &= kind != 0
+        ray, power, sigma, crossed = scatter_light(self, rng, ray, si, shape, kind, power, sigma, active)
+        curved |= crossed
         depth += 1
         active &= (dr.max(power) > 0) & (depth < 128)
-    return uv, value
+    return ray, power, sigma, found
+
+
+def bounce_light(self, rng, ray, power, sigma, image):
+    """Follows light paths from the ray that meets their first diffuse surface; each diffuse surface sends light to the camera."""
+    context = mi.BSDFContext(mi.TransportMode.Importance)
+    depth, diffuse, active = mi.UInt32(0), mi.UInt32(0), mi.Bool(True)
+    ray, power, sigma = mi.Ray3f(ray), mi.Color3f(power), mi.Color3f(sigma)
+    while active:
+        si = self.world.ray_intersect(ray, active)
+        active &= si.is_valid()
+        shape = dr.reinterpret_array(mi.UInt32, si.shape)
+        kind = self.look_up(self.kind, shape, active)
+        here = active & (kind == 0)
+        if here:
+            self.meet_camera(si, power * dr.exp(-sigma * si.t), si.bsdf(), context, ray.d, here, image, diffuse == 0)
+        diffuse += dr.select(here, 1, 0)
+        before = dr.max(power)
+        ray, power, sigma, _ = scatter_light(self, rng, ray, si, shape, kind, power, sigma, active)
+        depth += 1
+
+        # roulette by what this bounce leaves
+        survive = dr.minimum(dr.max(power) / dr.maximum(before, 1e-30), 0.98)
+        dice = depth >= 4
+        active &= (dr.max(power) > 0) & (~dice | (rng.next_float32() < survive))
+        power *= dr.select(dice, 1 / dr.maximum(survive, 1e-6), 1)
+    return depth
+
+
+def scatter_light(self, rng, ray, si, shape, kind, power, sigma, active):
+    """One event of a light path; -> (ray, power, attenuation, whether it was one of a curved mirror or of glass)"""
+    context = mi.BSDFContext(mi.TransportMode.Importance)
+    power = power * dr.select(active, dr.exp(-sigma * si.t), 1)
+    bs, weight = si.bsdf().sample(context, si, rng.next_float32(), mi.Point2f(rng.next_float32(), rng.next_float32()), active)
+    direction = si.to_world(bs.wo)
+    # adjoint scattering with interpolated normals (Veach 1997, section 5.3.2)
+    adjoint = dr.abs(si.wi.z * dr.dot(si.n, direction)) / dr.maximum(dr.abs(bs.wo.z * dr.dot(si.n, ray.d)), 1e-6)
+    power = power * dr.select(active, weight * dr.select(mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null), 1, adjoint), 1)
+    refracted = mi.has_flag(bs.sampled_type, mi.BSDFFlags.DeltaTransmission) & (kind == 3)
+    inside = dr.select(bs.wo.z < 0, self.look_up(self.sigma, shape, active), 0)
+    sigma = dr.select(active & refracted, inside, sigma)
+    crossed = active & ((kind == 3) | ((kind == 1) & (self.look_up(self.plane_id, shape, active) == 0)))
+    return dr.select(active, si.spawn_ray(direction), ray), power, sigma, crossed
 
 
 # --------------------------------------------------------------------------------------------------------------- sums
@@ -628,9 +681,10 @@ def makes_caustics(mesh):
     return mesh['material']['kind'] == 'glass' or (mesh['material']['kind'] == 'mirror' and not plane_of(mesh))
 
 
-def caustic_sums(scene, width, seconds, state):
-    """Light tracing of the caustics seen directly."""
-    tracer = PathTracer(scene, width, chains=0)
+def caustic_sums(scene, width, seconds, state, settings):
+    """Light tracing of what comes by way of curved mirrors and glass."""
+    # no panes: what is seen through one belongs to the path loop
+    tracer = PathTracer(scene, width, settings.get('chains', 0))
     w, h = tracer.size
     sums = Sums(w * h)
     file = state and os.path.join(state, f'{scene["name"]}_{width}_caustic.npz')
@@ -640,7 +694,7 @@ def caustic_sums(scene, width, seconds, state):
     while time.time() < end or sums.n < 8:
         t = time.time()
         image = tracer.caustic_pass(sums.seed, 2 ** 20)[:, None]
-        sums.add(np.concatenate([image, image], -1), 2 ** 20 / (w * h), time.time() - t)
+        sums.add(image, 2 ** 20 / (w * h), time.time() - t)
     if file:
         sums.save(file, scene['sha256'])
     return sums
@@ -779,16 +833,16 @@ def make(path, args):
             sums = sky_image(scene, args.width, s['sky'])
             fields = dict(method='reflectance x sky radiance; edge pixels by sampled coverage', sky=s['sky'])
         else:
-            share = {'all': 0.5, 'caustics': 0.2}.get(s.get('light_tracing'), 0)
+            share = {'all': 0.5, 'caustics': 0.05}.get(s.get('light_tracing'), 0)
             sums = path_sums(scene, args.width, args.seconds * (1 - share), args.state, s)
             fields = dict(method='path tracing; emitters sampled directly and through planar mirrors (see make_reference.py)',
                           planar_chains=s.get('chains', 0), panes=s.get('panes', 0))
         mean, var = sums.mean(), sums.variance()
         image, caustic = mean[:, :3], mean[:, 3:]
         if s.get('light_tracing') == 'caustics':
-            lights = caustic_sums(scene, args.width, args.seconds * share, args.state)
+            lights = caustic_sums(scene, args.width, args.seconds * share, args.state, s)
             image, var, caustic = image + lights.mean()[:, :3], var + lights.variance(), caustic + lights.mean()[:, 3:]
-            fields.update(method=fields['method'] + '; caustics seen directly by light tracing', light_tracing_paths=lights.n * 2 ** 20,
+            fields.update(method=fields['method'] + '; light by way of curved mirrors and glass by light tracing', light_tracing_paths=lights.n * 2 ** 20,
                           light_tracing_seconds=round(lights.seconds, 1))
         if s.get('light_tracing') == 'all':
             lights = light_sums(scene, args.width, args.seconds * share, args.state)
