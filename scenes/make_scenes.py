@@ -211,7 +211,8 @@ def lathe(profiles, segments, closed=False):
             before = flat[i - 1] if i or closed else flat[0]
             after = flat[i] if i < n - 1 or closed else flat[n - 2]
             nx, ny = before[0] + after[0], before[1] + after[1]
-            if r == 0:
+            # a dome has one normal at its top, the tip of a cone those of its sides
+            if r == 0 and abs(nx) < abs(ny):
                 nx = 0
             for k in range(segments):
                 c, s = math.cos(2 * math.pi * k / segments), math.sin(2 * math.pi * k / segments)
