@@ -7,7 +7,7 @@ use catoptric_scene::{Cancelled, Progress, Rgb};
 use crate::JOB;
 use crate::draft::Draft;
 use crate::field::{Field, Known, Look, Values, mean};
-use crate::refine::RefineParams;
+use crate::refine::{RefineParams, shows};
 
 /// What others found is off if it differs from what is foretold by more than this multiple of its deviation.
 const STRAYED: f32 = 2.0;
@@ -73,6 +73,12 @@ impl Values {
         let contrast =
             |[one, other]: [f32; 2]| (one - other).abs() / (0.5 * (one + other)).max(f32::MIN_POSITIVE);
         for (a, b) in edges {
+            // A mesh of which one edge is as wide as a shadow that shows is no finer than the light on it.
+            let is_fine = |v: u32| self.sharing.shares(v) && self.sharing.is_asked(v);
+            if is_fine(a) && is_fine(b) && shows(draft, &self.values, (a, b), floor, params) {
+                self.sharing.part(a);
+                self.sharing.part(b);
+            }
             if let [Some(one), Some(other)] = [a, b].map(|v| foretold[v as usize]) {
                 let known = contrast([one, other]);
                 let found = || contrast([a, b].map(|v| self.values[v as usize].max_element() + floor));
