@@ -74,8 +74,9 @@ impl Values {
             |[one, other]: [f32; 2]| (one - other).abs() / (0.5 * (one + other)).max(f32::MIN_POSITIVE);
         for (a, b) in edges {
             // A mesh of which one edge is as wide as a shadow that shows is no finer than the light on it.
-            let is_fine = |v: u32| self.sharing.shares(v) && self.sharing.is_asked(v);
-            if is_fine(a) && is_fine(b) && shows(draft, &self.values, (a, b), floor, params) {
+            let is_asked = [a, b].iter().all(|&v| self.sharing.is_asked(v));
+            let shares = [a, b].iter().any(|&v| self.sharing.shares(v));
+            if is_asked && shares && shows(draft, &self.values, (a, b), floor, params) {
                 self.sharing.part(a);
                 self.sharing.part(b);
             }
