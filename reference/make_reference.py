@@ -440,20 +440,15 @@ class PathTracer:
         w, h = self.size
         eye = mi.Point3f(self.scene['camera']['world'][:3, 3].tolist())
         for chain in self.chains:
-            # the point as the camera sees it behind the mirrors, and the way back
+            # the point as the camera sees it behind the mirrors, which it meets in the other order, and the way back
             seen = dr.zeros(mi.Interaction3f)
-            seen.p = mi.Point3f(si.p)
-            for m in chain:
-                p, n = mi.Point3f(*self.planes[m][0]), mi.Normal3f(*self.planes[m][1])
-                seen.p = seen.p - 2 * dr.dot(n, seen.p - p) * n
+            seen.p = self.image(chain[::-1], mi.Point3f(si.p))[0]
             ds, importance = self.sensor.sample_direction(seen, mi.Point2f(0.5), active)
             d = self.image(chain, mi.Point3f(0), mi.Vector3f(ds.d))[1]
             ok = active & (ds.pdf > 0)
             tau = self.follow(si.spawn_ray(d), chain, eye, ok)
             wo = si.to_local(d)
-            # adjoint scattering with interpolated normals (Veach 1997, section 5.3.2)
-            adjoint = dr.abs(si.wi.z * dr.dot(si.n, d)) / dr.maximum(dr.abs(wo.z * dr.dot(si.n, direction)), 1e-6)
-            value = power * importance * bsdf.eval(context, si, wo, ok) * adjoint * tau
+            value = power * importance * bsdf.eval(context, si, wo, ok) * adjoint(si, direction, wo, d) * tau
             x, y = dr.floor(ds.uv.x), dr.floor(ds.uv.y)
             ok &= (x >= 0) & (x < w) & (y >= 0) & (y < h) & (dr.max(value) > 0)
             pixel = mi.UInt32(y) * w + mi.UInt32(x)
@@ -595,15 +590,19 @@ def bounce_light(self, rng, ray, power, sigma, image):
     return depth
 
 
+def adjoint(si, arrives, wo, leaves):
+    """What light loses or gains where normals are interpolated (Veach 1997, section 5.3.2); `wo`: `leaves` in the shading frame"""
+    return dr.abs(si.wi.z * dr.dot(si.n, leaves)) / dr.maximum(dr.abs(wo.z * dr.dot(si.n, arrives)), 1e-6)
+
+
 def scatter_light(self, rng, ray, si, shape, kind, power, sigma, active):
     """One event of a light path; -> (ray, power, attenuation, whether it was one of a curved mirror or of glass)"""
     context = mi.BSDFContext(mi.TransportMode.Importance)
     power = power * dr.select(active, dr.exp(-sigma * si.t), 1)
     bs, weight = si.bsdf().sample(context, si, rng.next_float32(), mi.Point2f(rng.next_float32(), rng.next_float32()), active)
     direction = si.to_world(bs.wo)
-    # adjoint scattering with interpolated normals (Veach 1997, section 5.3.2)
-    adjoint = dr.abs(si.wi.z * dr.dot(si.n, direction)) / dr.maximum(dr.abs(bs.wo.z * dr.dot(si.n, ray.d)), 1e-6)
-    power = power * dr.select(active, weight * dr.select(mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null), 1, adjoint), 1)
+    factor = dr.select(mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null), 1, adjoint(si, ray.d, bs.wo, direction))
+    power = power * dr.select(active, weight * factor, 1)
     refracted = mi.has_flag(bs.sampled_type, mi.BSDFFlags.DeltaTransmission) & (kind == 3)
     inside = dr.select(bs.wo.z < 0, self.look_up(self.sigma, shape, active), 0)
     sigma = dr.select(active & refracted, inside, sigma)
