@@ -15,6 +15,7 @@ use catoptric_trace::Tracer;
 
 use crate::JOB;
 use crate::caustic::deposit::{Deposits, LEVELS, Part, Within};
+use crate::caustic::smooth::POOLING;
 use crate::draft::{Closed, Draft, Leaf};
 
 /// When triangles are fine enough for the caustic term.
@@ -70,13 +71,47 @@ type Memory = FxHashMap<(u64, u32, Option<usize>), Known>;
 
 /// Irradiance at the draft's vertices with the power of the deposits; zero where no leaf has the vertex.
 pub(super) fn project(draft: &Draft, deposits: &Deposits, sharpening: u32) -> Vec<Rgb> {
-    let leaves = look(draft, deposits, &Memory::default());
+    let near = Near::new(draft, deposits);
+    let leaves = look(draft, deposits, &near, &Memory::default());
     Projection::new(draft, &leaves, sharpening).values
+}
+
+/// Rings of base triangles around what got deposits in which something is not zero: smoothing pools variances so often,
+/// moves light on by one, and asks there for all that is around a vertex.
+const RINGS: usize = POOLING + 2;
+
+/// The part of a mesh that deposits have to do with: of many leaves, few.
+struct Near {
+    /// By base triangle: it got deposits, …
+    lit: Vec<bool>,
+    /// … or is in a ring around such.
+    reached: Vec<bool>,
+}
+
+impl Near {
+    fn new(draft: &Draft, deposits: &Deposits) -> Self {
+        let mut lit = vec![false; draft.base.len()];
+        deposits.roots().for_each(|root| lit[root as usize] = true);
+        let mut reached = lit.clone();
+        let mut touched = vec![false; draft.vertices.len()];
+        for _ in 0..RINGS {
+            for (corners, _) in draft.base.iter().zip(&reached).filter(|(_, reached)| **reached) {
+                corners.iter().for_each(|&v| touched[v as usize] = true);
+            }
+            for (corners, reached) in draft.base.iter().zip(&mut reached) {
+                *reached |= corners.iter().any(|&v| touched[v as usize]);
+            }
+        }
+        Self { lit, reached }
+    }
 }
 
 /// A leaf with its place among the deposits.
 #[derive(Clone, Copy, Debug)]
 struct Looked {
+    /// Which leaf of the draft.
+    index: u32,
+    leaf: Leaf,
     part: Part,
     /// Which edge is halved, and the vertex there.
     halved: Option<(usize, u32)>,
@@ -90,20 +125,24 @@ impl Looked {
     }
 }
 
-/// The moments of every leaf.
-fn look(draft: &Draft, deposits: &Deposits, memory: &Memory) -> Vec<Looked> {
-    draft
-        .leaves
+/// The moments of every leaf that deposits have to do with.
+fn look(draft: &Draft, deposits: &Deposits, near: &Near, memory: &Memory) -> Vec<Looked> {
+    let reached = |leaf: &&Leaf| near.reached[leaf.root as usize];
+    let indices: Vec<u32> =
+        draft.leaves.iter().zip(0..).filter(|(leaf, _)| reached(leaf)).map(|(_, index)| index).collect();
+    indices
         .par_iter()
         .with_min_len(64)
         .with_max_len(8 * JOB)
-        .map(|leaf| {
-            let part = Part::of(draft, leaf);
-            let mut looked =
-                Looked { part, halved: draft.halved_edge(leaf.vertices), known: Known::default() };
-            let fresh =
-                || Known { moments: moments(deposits, part, looked.halved.map(|h| h.0)), judged: None };
-            looked.known = memory.get(&looked.key()).copied().unwrap_or_else(fresh);
+        .map(|&index| {
+            let leaf = draft.leaves[index as usize];
+            let part = Part::of(draft, &leaf);
+            let halved = draft.halved_edge(leaf.vertices);
+            let mut looked = Looked { index, leaf, part, halved, known: Known::default() };
+            if near.lit[leaf.root as usize] {
+                let fresh = || Known { moments: moments(deposits, part, halved.map(|h| h.0)), judged: None };
+                looked.known = memory.get(&looked.key()).copied().unwrap_or_else(fresh);
+            }
             looked
         })
         .collect()
@@ -116,7 +155,7 @@ pub(super) struct Projection {
     pub(super) mass: Vec<f32>,
     /// Variance of the lumped values for independent rays, channels added.
     pub(super) variance: Vec<f32>,
-    /// The mesh as it is shown.
+    /// The mesh as it is shown, where deposits have to do with it.
     pub(super) triangles: Vec<([u32; 3], f32)>,
 }
 
@@ -126,8 +165,9 @@ impl Projection {
         let mut right = vec![Rgb::ZERO; count];
         let mut mass = vec![0.0_f32; count];
         let mut variance = vec![0.0_f32; count];
-        let mut triangles: Vec<([u32; 3], f32)> = Vec::with_capacity(draft.leaves.len() * 2);
-        for (leaf, looked) in draft.leaves.iter().zip(leaves) {
+        let mut triangles: Vec<([u32; 3], f32)> = Vec::with_capacity(leaves.len() * 2);
+        for looked in leaves {
+            let leaf = &looked.leaf;
             let moments = &looked.known.moments;
             for (corner, &v) in leaf.vertices.iter().enumerate() {
                 right[v as usize] += moments.corners[corner];
@@ -225,23 +265,22 @@ pub(super) fn refine(
     progress: &dyn Progress,
 ) -> Result<Density, Cancelled> {
     let first = draft.vertices.len();
+    let near = Near::new(draft, deposits);
     let mut memory = Memory::default();
     for round in 0.. {
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
-        let mut leaves = look(draft, deposits, &memory);
+        let mut leaves = look(draft, deposits, &near, &memory);
         let mut projection = Projection::new(draft, &leaves, params.sharpening);
         let values = &projection.values;
-        leaves.par_iter_mut().zip(&draft.leaves).with_min_len(64).with_max_len(8 * JOB).for_each(
-            |(looked, leaf)| {
-                let at = around(draft, leaf, values);
-                if looked.known.judged.is_none_or(|j| j.0 != at) {
-                    looked.known.judged =
-                        Some((at, gain(draft, deposits, leaf, looked.part, &at, other, params)));
-                }
-            },
-        );
+        leaves.par_iter_mut().with_min_len(64).with_max_len(8 * JOB).for_each(|looked| {
+            let at = around(draft, &looked.leaf, values);
+            if looked.known.judged.is_none_or(|j| j.0 != at) {
+                let gain = gain(draft, deposits, &looked.leaf, looked.part, &at, other, params);
+                looked.known.judged = Some((at, gain));
+            }
+        });
         let mut wanted = wanted(draft, &leaves);
         // The largest gain first, as far as the budget goes: a split makes about one and a half vertices.
         wanted.sort_unstable_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
@@ -273,20 +312,18 @@ pub(super) fn refine(
 fn wanted(draft: &Draft, leaves: &[Looked]) -> Vec<(f32, u32)> {
     let gain = |looked: &Looked| looked.known.judged.and_then(|j| j.1);
     let mut asked = vec![0_u32; draft.vertices.len()];
-    for (looked, leaf) in leaves.iter().zip(&draft.leaves) {
+    for looked in leaves {
         if gain(looked).is_some() {
-            leaf.vertices.iter().for_each(|&v| asked[v as usize] += 1);
+            looked.leaf.vertices.iter().for_each(|&v| asked[v as usize] += 1);
         }
     }
     let is_supported =
         |leaf: &Leaf| leaf.vertices.iter().filter(|&&v| asked[v as usize] > 1).count() >= SUPPORTED;
     leaves
         .iter()
-        .zip(&draft.leaves)
-        .enumerate()
-        .filter_map(|(index, (looked, leaf))| {
+        .filter_map(|looked| {
             let Gain { gain, certain } = gain(looked)?;
-            (certain || is_supported(leaf)).then_some((gain, index as u32))
+            (certain || is_supported(&looked.leaf)).then_some((gain, looked.index))
         })
         .collect()
 }
@@ -353,10 +390,10 @@ impl Density {
 
 fn noise(draft: &Draft, deposits: &Deposits, leaves: &[Looked], other: &[Rgb]) -> f32 {
     let (mut sum, mut lit) = (0.0_f64, 0.0_f64);
-    for (leaf, looked) in draft.leaves.iter().zip(leaves) {
-        let area = draft.area(leaf);
+    for looked in leaves {
+        let area = draft.area(&looked.leaf);
         let (power, squares) = totals(deposits, deposits.range(looked.part));
-        let background = background(draft, leaf, other);
+        let background = background(draft, &looked.leaf, other);
         if power > LIT * background * area {
             let light = power + background * area;
             sum += f64::from(area * squares / (light * light));

@@ -10,6 +10,7 @@ use catoptric_scene::Rgb;
 use catoptric_solution::DisplayMesh;
 use catoptric_solution::mesh::Located;
 
+use crate::JOB;
 use crate::draft::{Draft, Leaf};
 
 /// Splits that a code tells apart: 1/16384 of a base edge.
@@ -66,9 +67,9 @@ impl Deposits {
     /// Sorts; every power is multiplied by `scale`.
     pub(super) fn new(deposits: &[Deposit], scale: f32) -> Self {
         let mut order: Vec<(u64, u32)> =
-            deposits.iter().enumerate().map(|(index, d)| (d.code, index as u32)).collect();
+            deposits.par_iter().enumerate().map(|(index, d)| (d.code, index as u32)).collect();
         order.par_sort_unstable();
-        let sorted = || order.iter().map(|o| &deposits[o.1 as usize]);
+        let sorted = || order.par_iter().with_min_len(JOB).map(|o| &deposits[o.1 as usize]);
         Self {
             codes: order.iter().map(|o| o.0).collect(),
             weights: sorted().map(|d| d.weights).collect(),
@@ -91,6 +92,11 @@ impl Deposits {
         let start = own.partition_point(|&c| c < codes.start);
         let end = own.partition_point(|&c| c < codes.end);
         within.start + start..within.start + end
+    }
+
+    /// The base triangle of each, in ascending order.
+    pub(super) fn roots(&self) -> impl Iterator<Item = u32> {
+        self.codes.iter().map(|code| (code >> (2 * LEVELS)) as u32)
     }
 
     /// Σ of all powers.

@@ -127,8 +127,9 @@ impl<'a> Emission<'a> {
                 let mut harvest = Harvest::default();
                 for index in chunk * CHUNK..(chunk + 1) * CHUNK {
                     let before = harvest.deposited.element_sum();
-                    let target = self.shoot(index, &keys, &mut harvest);
-                    let sum = &mut sums[target / per_block];
+                    let aim = self.aim(index, &keys);
+                    self.shoot(&aim, &keys, &mut harvest);
+                    let sum = &mut sums[aim.target / per_block];
                     sum.0 += 1.0;
                     sum.1 += harvest.deposited.element_sum() - before;
                     harvest.deposits.clear();
@@ -162,7 +163,8 @@ impl<'a> Emission<'a> {
         Ok(())
     }
 
-    /// Sends the rays `range` of the main sequence.
+    /// Sends the rays `range` of the main sequence: within a unit of work by targets, for what is beside each other is in the
+    /// caches, too.
     pub(super) fn send(
         &self,
         range: std::ops::Range<u32>,
@@ -180,9 +182,10 @@ impl<'a> Emission<'a> {
                 }
                 harvest.deposits.reserve(CHUNK as usize);
                 let end = ((chunk + 1) * CHUNK).min(range.end);
-                for index in (chunk * CHUNK).max(range.start)..end {
-                    self.shoot(index, &keys, &mut harvest);
-                }
+                let mut aims: Vec<Aim> =
+                    ((chunk * CHUNK).max(range.start)..end).map(|index| self.aim(index, &keys)).collect();
+                aims.sort_unstable_by_key(|aim| (aim.source, aim.target, aim.index));
+                aims.iter().for_each(|aim| self.shoot(aim, &keys, &mut harvest));
                 progress.advance(u64::from(CHUNK));
                 harvest
             })
@@ -198,14 +201,25 @@ impl<'a> Emission<'a> {
         Ok(sum)
     }
 
-    /// One ray. Returns its target.
-    fn shoot(&self, index: u32, keys: &Keys, harvest: &mut Harvest) -> usize {
+    /// What a ray is to connect.
+    fn aim(&self, index: u32, keys: &Keys) -> Aim {
         let (e, t) = (keys.source.point2(index), keys.target.point2(index));
-        let (source, source_share, left) = self.choice.pick(e.x);
-        let at_source = Vec2::new(left, e.y);
-        let (chosen, target_share, left) = self.tables[source].pick(t.x);
-        let target = &self.targets[chosen];
-        let (u, v) = triangle_point(Vec2::new(left, t.y));
+        let (source, source_share, at_source) = self.choice.pick(e.x);
+        let (target, target_share, on_target) = self.tables[source].pick(t.x);
+        Aim {
+            index,
+            source,
+            source_share,
+            at_source: Vec2::new(at_source, e.y),
+            target,
+            target_share,
+            on_target: Vec2::new(on_target, t.y),
+        }
+    }
+
+    /// One ray.
+    fn shoot(&self, aim: &Aim, keys: &Keys, harvest: &mut Harvest) {
+        let Aim { index, source, source_share, at_source, target, target_share, on_target } = *aim;
         let straight = if keys.learn { 0.0 } else { self.straight[source] };
         let density = |target_share: f32, target: &Target| Density {
             source: source_share,
@@ -213,6 +227,7 @@ impl<'a> Emission<'a> {
             straight,
         };
         let (table, source, key) = (&self.tables[source], &self.sources[source], keys.walk.child(index));
+        let target = &self.targets[target];
         // One of four by chance: every fourth would have a quarter of the sequence.
         if straight > 0.0 && keys.straight.uniform(index) < straight {
             let towards = keys.direction.point2(index);
@@ -225,11 +240,11 @@ impl<'a> Emission<'a> {
                 let density = density(table.share(met), target);
                 self.follow(source, at_source, target, at, density, key, harvest);
             }
-            return chosen;
+            return;
         }
         let density = density(target_share, target);
+        let (u, v) = triangle_point(on_target);
         self.follow(source, at_source, target, target.at(u, v), density, key, harvest);
-        chosen
     }
 
     fn follow(
@@ -361,6 +376,23 @@ impl<'a> Emission<'a> {
         ));
         true
     }
+}
+
+/// A choice of two points to connect.
+#[derive(Clone, Copy)]
+struct Aim {
+    /// Number of the ray.
+    index: u32,
+    source: usize,
+    /// Probability of the source.
+    source_share: f32,
+    /// Point of the unit square for the point of the source, …
+    at_source: Vec2,
+    target: usize,
+    /// Probability of the target, given the source.
+    target_share: f32,
+    /// … and for the point of the target.
+    on_target: Vec2,
 }
 
 /// How likely a pair of points is tried, per area of the target, but for the choice of the point of the source.

@@ -8,7 +8,7 @@ use crate::caustic::density::{Projection, strength};
 /// Steps of smoothing at most: noise spreads over about their square root of edges.
 const SMOOTHING: usize = 32;
 /// Times that variances are pooled.
-const POOLING: usize = 2;
+pub(super) const POOLING: usize = 2;
 /// Standard error against the light that smoothing aims at.
 const SMOOTH_TO: f32 = 0.03;
 /// Squared differences up to this multiple of their variance count as noise.
