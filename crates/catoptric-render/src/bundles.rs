@@ -14,6 +14,7 @@ use catoptric_light::lamp::{Lamp, Outline, Sight};
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_trace::PlaneId;
 
+use crate::layers::Kept;
 use crate::outlines::Thin;
 use crate::pixel::Sample;
 
@@ -104,7 +105,13 @@ impl<'a> Sources<'a> {
 
     /// Pixels beside which a source passes that no centre met, and what it sends there: of those from index `first` on in a picture
     /// `width` pixels wide, whose legs are those of `legs`.
-    pub(crate) fn between(&self, pixels: &[Sample], legs: &[Legs], first: usize, width: usize) -> Vec<Thin> {
+    pub(crate) fn between<L: Kept>(
+        &self,
+        pixels: &[Sample<L>],
+        legs: &[Legs],
+        first: usize,
+        width: usize,
+    ) -> Vec<Thin> {
         let known = |leg: &Leg| leg.strength > 0.0;
         let bundles = legs.iter().flat_map(|legs| &legs.0).filter(|leg| known(leg)).count();
         let most = (MOST_PAIRS / bundles.max(1)).max(1).min(self.0.len());
@@ -128,7 +135,7 @@ impl<'a> Sources<'a> {
                         return None;
                     }
                     let bundle = Bundle::new(quad)?;
-                    let met = |corner: &usize| pixels[first + corner].light.emission().dot(LUMINANCE);
+                    let met = |corner: &usize| pixels[first + corner].light.emission();
                     let brightest = corners.iter().map(met).fold(0.0, f32::max);
                     sources
                         .iter()

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use catoptric_scene::Rgb;
 use catoptric_scene::quantity::LUMINANCE;
 
+use crate::layers::Kept;
 use crate::pixel::Sample;
 use crate::render::around;
 
@@ -66,8 +67,14 @@ pub(crate) struct Compared {
 }
 
 impl Compared {
-    pub(crate) fn new(pixels: &[Sample], width: usize, contrast: f32, same: f32, exposure: f32) -> Self {
-        let look = |pixel: &Sample| Look::of(pixel, exposure);
+    pub(crate) fn new<L: Kept>(
+        pixels: &[Sample<L>],
+        width: usize,
+        contrast: f32,
+        same: f32,
+        exposure: f32,
+    ) -> Self {
+        let look = |pixel: &Sample<L>| Look::of(pixel, exposure);
         let looks = pixels.par_iter().with_min_len(1024).map(look).collect();
         Self { looks, width, contrast, same, exposure }
     }
@@ -78,7 +85,7 @@ impl Compared {
     }
 
     /// The needs after some pixels have changed.
-    pub(crate) fn update(&mut self, pixels: &[Sample], changed: &[usize], needs: &mut [Need]) {
+    pub(crate) fn update<L: Kept>(&mut self, pixels: &[Sample<L>], changed: &[usize], needs: &mut [Need]) {
         for &index in changed {
             self.looks[index] = Look::of(&pixels[index], self.exposure);
         }
@@ -130,7 +137,7 @@ impl Compared {
 }
 
 impl Look {
-    fn of(pixel: &Sample, exposure: f32) -> Self {
+    fn of<L: Kept>(pixel: &Sample<L>, exposure: f32) -> Self {
         let beauty = pixel.light.beauty();
         let tone = shown(beauty, exposure);
         let open = if pixel.open == beauty { tone } else { shown(pixel.open, exposure) };
@@ -145,7 +152,7 @@ pub(crate) fn shown(light: Rgb, exposure: f32) -> Rgb {
 }
 
 /// Mean luminance of a picture, more than zero.
-pub(crate) fn mean_luminance(pixels: &[Sample]) -> f32 {
+pub(crate) fn mean_luminance<L: Kept>(pixels: &[Sample<L>]) -> f32 {
     let luminances: Vec<f32> =
         pixels.par_iter().with_min_len(1024).map(|p| p.light.beauty().dot(LUMINANCE)).collect();
     let sum: f64 = luminances.into_iter().map(f64::from).sum();
@@ -155,17 +162,18 @@ pub(crate) fn mean_luminance(pixels: &[Sample]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::layers::{Beauty, LightLayer};
 
     /// Two pixels of the same brightness that met other things.
-    fn beside(left: Sample, right: Sample) -> Vec<Need> {
+    fn beside(left: Sample<Beauty>, right: Sample<Beauty>) -> Vec<Need> {
         Compared::new(&[left, right], 2, 0.05, SAME * 0.05, 1.0).needs()
     }
 
     #[test]
     fn borders_are_sampled_where_they_are_seen_and_rims_always() {
         let pixel = |trail, light| {
-            let mut pixel = Sample { trail, open: Rgb::splat(light), ..Sample::NOTHING };
-            pixel.light.values[0] = pixel.open;
+            let mut pixel: Sample<Beauty> = Sample { trail, open: Rgb::splat(light), ..Sample::NOTHING };
+            pixel.light.add(LightLayer::Emission, false, pixel.open);
             pixel
         };
         let (one, two) = (pixel(1, 1.0), pixel(2, 1.0));

@@ -12,6 +12,7 @@ use catoptric_scene::quantity::LUMINANCE;
 use catoptric_scene::{Cancelled, Progress};
 
 use crate::direct::DirectLight;
+use crate::layers::Kept;
 use crate::needs::{DARK, Need};
 use crate::pixel::{Sample, Scratch};
 use crate::render::{around, for_some};
@@ -43,7 +44,13 @@ impl Penumbrae {
     }
 
     /// Whether a pixel is to be looked at that has a need: where penumbrae are, or few rays saw none beside one that is grainy.
-    pub(crate) fn is_uncertain(&self, pixels: &[Sample], width: usize, index: usize, need: Need) -> bool {
+    pub(crate) fn is_uncertain<L: Kept>(
+        &self,
+        pixels: &[Sample<L>],
+        width: usize,
+        index: usize,
+        need: Need,
+    ) -> bool {
         let is_grainy = |i: usize| self.looked[i] && (self.read[i] > 0.0 || pixels[i].grain > 0.0);
         need != Need::Nothing
             && !self.looked[index]
@@ -53,20 +60,20 @@ impl Penumbrae {
     }
 
     /// Looks at some pixels of a picture: `shoot` gives what is seen through the centre of one by shadow rays, or by none.
-    pub(crate) fn look(
+    pub(crate) fn look<L: Kept>(
         &mut self,
-        pixels: &mut [Sample],
+        pixels: &mut [Sample<L>],
         (width, exposure): (usize, f32),
         first: &[usize],
         direct: DirectLight,
         progress: &dyn Progress,
-        shoot: impl Fn((usize, usize), Option<Samples>, &mut Scratch) -> Sample + Sync,
+        shoot: impl Fn((usize, usize), Option<Samples>, &mut Scratch) -> Sample<L> + Sync,
     ) -> Result<(), Cancelled> {
         let (DirectLight::Auto(rays) | DirectLight::Pixels(rays)) = direct else { return Ok(()) };
         let rays = Samples::exact(rays.penumbra);
         let by = |rays: Samples| {
             let shoot = &shoot;
-            move |at: (usize, usize), pixel: &mut Sample, scratch: &mut Scratch| {
+            move |at: (usize, usize), pixel: &mut Sample<L>, scratch: &mut Scratch| {
                 let Sample { light, open, penumbra, grain, .. } = shoot(at, Some(rays), scratch);
                 *pixel = Sample { light, open, penumbra, grain, ..*pixel };
             }
@@ -83,7 +90,7 @@ impl Penumbrae {
         let grainy = self.grainy(pixels, (width, exposure), &more);
         let places: Vec<usize> = grainy.iter().map(|g| g.0).collect();
         // What the mesh has.
-        let mut stored: Vec<Sample> = places
+        let mut stored: Vec<Sample<L>> = places
             .par_iter()
             .with_max_len(1)
             .map_init(Scratch::default, |scratch, &index| {
@@ -108,9 +115,9 @@ impl Penumbrae {
     }
 
     /// Those of some pixels that are grainy, with their deviation, relative.
-    fn grainy(
+    fn grainy<L: Kept>(
         &self,
-        pixels: &[Sample],
+        pixels: &[Sample<L>],
         (width, exposure): (usize, f32),
         some: &[usize],
     ) -> Vec<(usize, f32)> {
@@ -139,7 +146,12 @@ fn window(index: usize, width: usize, height: usize) -> impl Iterator<Item = usi
 
 /// Whether around a pixel noise explains what the mesh differs by, which has `stored` at some `places`, ascending. At the edge of a sharp
 /// shadow it does not: there the mesh is wrong.
-fn explains(pixels: &[Sample], (places, stored): (&[usize], &[Sample]), width: usize, index: usize) -> bool {
+fn explains<L: Kept>(
+    pixels: &[Sample<L>],
+    (places, stored): (&[usize], &[Sample<L>]),
+    width: usize,
+    index: usize,
+) -> bool {
     let (mut squares, mut variances) = (0.0_f32, 0.0_f32);
     for near in window(index, width, pixels.len() / width.max(1)) {
         if let Ok(place) = places.binary_search(&near) {

@@ -15,7 +15,7 @@ use catoptric_trace::{Hit, MediumStack, Ray};
 
 use crate::bundles::Legs;
 use crate::direct::{SourceLight, Wanted};
-use crate::layers::{LightLayer, LightLayers};
+use crate::layers::{Kept, LightLayer};
 use crate::lines::{self, Footprint};
 use crate::needs::DARK;
 use crate::resolution::Resolution;
@@ -53,9 +53,9 @@ impl FirstHit {
 
 /// One sample of a pixel, or the pixel that is made of some.
 #[derive(Clone, Copy, Debug)]
-pub struct Sample {
-    /// Light by layer.
-    pub light: LightLayers,
+pub struct Sample<L> {
+    /// Its light.
+    pub light: L,
     /// What is seen where nothing blocks sources that were asked by shadow rays: brightness without the noise of penumbrae.
     pub open: Rgb,
     /// Some of these rays were blocked and some were not.
@@ -74,8 +74,6 @@ pub struct Sample {
     pub centre: Rgb,
     /// Neighbours towards which samples found what centres do not show.
     pub between: Neighbours,
-    /// The first hit; `None` for the sky.
-    pub first: Option<Hit>,
     /// Hash of what was met along all but the faintest branches: samples that differ in it straddle an edge.
     pub trail: u32,
     /// Hash of what is curved and reflects or refracts along its bright branches, 0 if nothing is: beside a rim the whole room is shown within
@@ -83,10 +81,10 @@ pub struct Sample {
     pub rim: u32,
 }
 
-impl Sample {
+impl<L: Kept> Sample<L> {
     /// What is there before a ray is shot.
     pub(crate) const NOTHING: Self = Self {
-        light: LightLayers::DARK,
+        light: L::DARK,
         open: Rgb::ZERO,
         penumbra: false,
         grain: 0.0,
@@ -96,7 +94,6 @@ impl Sample {
         sides: None,
         centre: Rgb::ZERO,
         between: Neighbours::NONE,
-        first: None,
         trail: 0,
         rim: 0,
     };
@@ -176,7 +173,7 @@ pub struct Eye<'a> {
 impl Eye<'_> {
     /// Traces one eye ray, sample `index` of those with the same `key`. With a `footprint`, finds the lines of the display
     /// mesh, too; with shadow rays, evaluates the light of sources at the hits.
-    pub fn sample(
+    pub fn sample<L: Kept>(
         &self,
         origin: Vec3,
         direction: Vec3,
@@ -184,13 +181,12 @@ impl Eye<'_> {
         shadow_rays: Option<Samples>,
         (key, index): (Key, u32),
         scratch: &mut Scratch,
-    ) -> Sample {
+    ) -> Sample<L> {
         let tracer = self.lights.tracer();
         let scene = tracer.scene();
-        let mut light = LightLayers::default();
+        let (mut light, mut first) = (L::DARK, None);
         let mut shadows = shadow_rays.map(|rays| Shadows::new(rays, key.child(index).child(SHADOWS)));
         let mut lines = 0.0;
-        let mut first = None;
         scratch.legs = Legs::default();
         let (mut trail, mut rim) = (0x811c_9dc5_u32, 0);
         split::trace(
@@ -235,6 +231,9 @@ impl Eye<'_> {
                 }
             },
         );
+        if let Some(hit) = &first {
+            light.meet(hit);
+        }
         let blocked = shadows.as_ref().map_or(Rgb::ZERO, |s| s.blocked);
         let (penumbra, grain) = shadows.map_or((false, 0.0), |s| (s.penumbra, s.grain));
         Sample {
@@ -248,17 +247,16 @@ impl Eye<'_> {
             sides: None,
             centre: Rgb::ZERO,
             between: Neighbours::NONE,
-            first,
             trail,
             rim,
         }
     }
 
     /// Adds what a surface sends to the eye.
-    fn see(
+    fn see<L: Kept>(
         &self,
         seen: &Seen,
-        light: &mut LightLayers,
+        light: &mut L,
         shadows: &mut Option<Shadows>,
         scratch: &mut irradiance::Scratch,
     ) {

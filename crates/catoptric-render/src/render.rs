@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use catoptric_image::Image;
 use catoptric_light::{LightParams, Lights};
 use catoptric_scene::quantity::LUMINANCE;
-use catoptric_scene::{Camera, Cancelled, Progress, Rgb, Scene};
+use catoptric_scene::{Camera, Cancelled, Progress, Scene};
 use catoptric_solution::{Quality, Solution};
 use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose};
@@ -25,7 +25,7 @@ use catoptric_trace::walk::split::SplitParams;
 
 use crate::bundles::{Legs, Sources};
 use crate::direct::{DirectLight, ShadowRays};
-use crate::layers::NAMES;
+use crate::layers::{Beauty, Kept, Layered, NAMES};
 use crate::lines::{Footprint, LAYER as LINES};
 use crate::needs::{Compared, DARK, Need, SAME, mean_luminance};
 use crate::outlines::{Outlines, Thin};
@@ -125,6 +125,25 @@ pub fn render(
     params: &RenderParams,
     progress: &dyn Progress,
 ) -> Result<Rendered, Cancelled> {
+    if params.layers {
+        render_keeping::<Layered>(tracer, solution, camera, params, progress)
+    } else {
+        render_keeping::<Beauty>(tracer, solution, camera, params, progress)
+    }
+}
+
+/// Bytes that a pixel takes in one block of memory while an image is traced, with layers or without.
+pub fn pixel_bytes(layers: bool) -> usize {
+    if layers { size_of::<Sample<Layered>>() } else { size_of::<Sample<Beauty>>() }
+}
+
+fn render_keeping<L: Kept>(
+    tracer: &Tracer,
+    solution: &Solution,
+    camera: &Camera,
+    params: &RenderParams,
+    progress: &dyn Progress,
+) -> Result<Rendered, Cancelled> {
     let (width, height) = (params.width, params.height);
     let (lights, resolution) = rayon::join(
         || Lights::new(tracer, params.light),
@@ -143,7 +162,7 @@ pub fn render(
 
     // One ray through the centre of every pixel.
     progress.begin("image", ((1 + counts.len()) * (width * height).div_ceil(JOB)) as u64);
-    let mut pixels: Vec<Sample> = Vec::with_capacity(width * height);
+    let mut pixels: Vec<Sample<L>> = Vec::with_capacity(width * height);
     // The legs of these rays, from the row above a band on.
     let sources = Sources::new(&lights);
     let (mut legs, mut missed): (Vec<Legs>, Vec<Thin>) = (Vec::new(), Vec::new());
@@ -203,7 +222,7 @@ pub fn render(
         compared.update(&pixels, &uncertain, &mut needs);
     }
     for thin in outlines.thin() {
-        if pixels[thin.pixel].light.emission().dot(LUMINANCE) < 0.5 * thin.luminance {
+        if pixels[thin.pixel].light.emission() < 0.5 * thin.luminance {
             needs[thin.pixel] = Need::Samples;
         }
     }
@@ -213,7 +232,7 @@ pub fn render(
             needs[thin.pixel] = Need::Samples;
         }
     }
-    let resample = |at: (usize, usize), fresh: Range<u32>, pixel: &mut Sample, scratch: &mut Scratch| {
+    let resample = |at: (usize, usize), fresh: Range<u32>, pixel: &mut Sample<L>, scratch: &mut Scratch| {
         let index = at.1 * width + at.0;
         let rays = shadow_rays(params, fresh.end).filter(|_| penumbrae.read[index] < 0.5);
         resample(&eye, camera, params, (outlines.cut(index), exposure), rays, at, fresh, pixel, scratch);
@@ -273,7 +292,7 @@ pub fn render(
     }
     let edge_samples: u64 = pixels.iter().map(|p| u64::from(p.samples)).sum();
 
-    let is_shadow = |(looked, pixel): &(&bool, &Sample)| **looked && pixel.samples == 0;
+    let is_shadow = |(looked, pixel): &(&bool, &Sample<L>)| **looked && pixel.samples == 0;
     let penumbra_pixels = penumbrae.looked.iter().zip(&pixels).filter(is_shadow).count() as u64;
     let edges = pixels.iter().filter(|p| p.samples > 0).count() as u64;
     let report = RenderReport {
@@ -298,11 +317,11 @@ fn those(count: usize, is_one: impl Fn(usize) -> bool + Sync + Send) -> Vec<usiz
 }
 
 /// Works on every pixel, in parallel.
-fn for_pixels(
-    pixels: &mut [Sample],
+fn for_pixels<L: Kept>(
+    pixels: &mut [Sample<L>],
     width: usize,
     progress: &dyn Progress,
-    work: impl Fn((usize, usize), &mut Sample, &mut Scratch) + Sync,
+    work: impl Fn((usize, usize), &mut Sample<L>, &mut Scratch) + Sync,
 ) -> Result<(), Cancelled> {
     // By itself rayon stops splitting after few halves: hence one chunk at most.
     pixels.par_chunks_mut(JOB).with_max_len(1).enumerate().try_for_each_init(
@@ -321,14 +340,14 @@ fn for_pixels(
 }
 
 /// Works on some pixels, in parallel: few, near each other, and each a long job.
-pub(crate) fn for_some(
-    pixels: &mut [Sample],
+pub(crate) fn for_some<L: Kept>(
+    pixels: &mut [Sample<L>],
     width: usize,
     indices: &[usize],
     progress: &dyn Progress,
-    work: impl Fn((usize, usize), &mut Sample, &mut Scratch) + Sync,
+    work: impl Fn((usize, usize), &mut Sample<L>, &mut Scratch) + Sync,
 ) -> Result<(), Cancelled> {
-    let found: Vec<Sample> = indices
+    let found: Vec<Sample<L>> = indices
         .par_iter()
         .with_max_len(1)
         .map_init(Scratch::default, |scratch, &index| {
@@ -375,18 +394,19 @@ pub(crate) fn around(index: usize, width: usize, height: usize) -> impl Iterator
 }
 
 /// Puts the layers into an image.
-fn image(scene: &Scene, pixels: &[Sample], params: &RenderParams) -> Image {
+fn image<L: Kept>(scene: &Scene, pixels: &[Sample<L>], params: &RenderParams) -> Image {
     let mut image = Image::new(params.width, params.height);
-    let rgb = |value: &(dyn Fn(&Sample) -> Rgb + Sync)| -> Vec<[f32; 3]> {
-        pixels.par_iter().with_min_len(FEW).map(|p| value(p).to_array()).collect()
-    };
-    image.push_rgb_layer("", &rgb(&|p| p.light.beauty()));
-    if params.layers {
+    let beauty: Vec<[f32; 3]> =
+        pixels.par_iter().with_min_len(FEW).map(|p| p.light.beauty().to_array()).collect();
+    image.push_rgb_layer("", &beauty);
+    let layered: Vec<&Layered> = pixels.iter().filter_map(|p| p.light.layered()).collect();
+    if !layered.is_empty() {
         for (index, name) in NAMES.iter().enumerate() {
-            image.push_rgb_layer(name, &rgb(&|p| p.light.values[index]));
+            let layer: Vec<[f32; 3]> = layered.iter().map(|l| l.light.values[index].to_array()).collect();
+            image.push_rgb_layer(name, &layer);
         }
-        let hits: Vec<FirstHit> =
-            pixels.par_iter().with_min_len(FEW).map(|p| FirstHit::of(scene, p.first.as_ref())).collect();
+        let first = |layered: &&Layered| FirstHit::of(scene, layered.first.as_ref());
+        let hits: Vec<FirstHit> = layered.par_iter().with_min_len(FEW).map(first).collect();
         let albedo: Vec<[f32; 3]> = hits.iter().map(|hit| hit.albedo.to_array()).collect();
         image.push_rgb_layer("albedo", &albedo);
         for (axis, name) in ["normal.X", "normal.Y", "normal.Z"].into_iter().enumerate() {

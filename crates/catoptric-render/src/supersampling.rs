@@ -3,12 +3,12 @@
 use std::ops::Range;
 
 use catoptric_light::irradiance::{LOOK, Samples};
+use catoptric_scene::Camera;
 use catoptric_scene::quantity::LUMINANCE;
-use catoptric_scene::{Camera, Rgb};
 use catoptric_trace::sequence::{Key, Purpose};
 
 use crate::direct::DirectLight;
-use crate::layers::LightLayers;
+use crate::layers::Kept;
 use crate::lines::Footprint;
 use crate::needs::shown;
 use crate::outlines::Cut;
@@ -23,7 +23,7 @@ const EDGE_ROULETTE: f32 = 2.5;
 const INSIDE: u32 = 1 << 17;
 
 /// What is seen through a place of a pixel, (½, ½) in the middle of it.
-pub(crate) fn shoot(
+pub(crate) fn shoot<L: Kept>(
     eye: &Eye,
     camera: &Camera,
     params: &RenderParams,
@@ -32,7 +32,7 @@ pub(crate) fn shoot(
     shadow_rays: Option<Samples>,
     sample: (Key, u32),
     scratch: &mut Scratch,
-) -> Sample {
+) -> Sample<L> {
     let (origin, direction) = camera.ray(x as f32 + dx, y as f32 + dy, params.width, params.height);
     let place = (x as f32 + dx, y as f32 + dy);
     let footprint = params.mesh.then(|| Footprint::at(camera, place, (params.width, params.height)));
@@ -41,7 +41,7 @@ pub(crate) fn shoot(
 
 /// Replaces the light of a pixel by the mean of samples on a grid of its own (box filter), or adds the `fresh` ones among
 /// them to the mean of those before. Where the outline of a lamp that is seen cuts the pixel, half of them are inside.
-pub(crate) fn resample(
+pub(crate) fn resample<L: Kept>(
     eye: &Eye,
     camera: &Camera,
     params: &RenderParams,
@@ -49,20 +49,21 @@ pub(crate) fn resample(
     rays: Option<Samples>,
     at: (usize, usize),
     fresh: Range<u32>,
-    pixel: &mut Sample,
+    pixel: &mut Sample<L>,
     scratch: &mut Scratch,
 ) {
     let key = again(params, at);
     let (count, known) = (fresh.end.max(1) as f32, fresh.start as f32);
     if fresh.start == 0 {
         pixel.centre = shown(pixel.light.beauty(), exposure);
-        pixel.light = LightLayers::default();
+        pixel.light.clear();
         (pixel.lines, pixel.squares) = (0.0, 0.0);
         // Something else may be before the lamp.
         let shows = |cut: &&Cut| {
             let (place, sample) = (cut.inside(), (key.child(INSIDE), 0));
-            shoot(eye, camera, params, at, (place.x, place.y), None, sample, scratch).light.emission()
-                != Rgb::ZERO
+            let Sample::<L> { light, .. } =
+                shoot(eye, camera, params, at, (place.x, place.y), None, sample, scratch);
+            light.emission() > 0.0
         };
         pixel.sides = cut.filter(shows).map(|_| [0.0; 2]);
     }
@@ -74,7 +75,8 @@ pub(crate) fn resample(
     for index in fresh {
         let point = key.point2(index);
         let (offset, side, weight) = cut.map_or((point, 0, 1.0), |cut| cut.place(point));
-        let mut sample = shoot(eye, camera, params, at, (offset.x, offset.y), rays, (key, index), scratch);
+        let mut sample: Sample<L> =
+            shoot(eye, camera, params, at, (offset.x, offset.y), rays, (key, index), scratch);
         if sample.trail != pixel.trail {
             let difference = (shown(sample.light.beauty(), exposure) - pixel.centre).abs().max_element();
             if difference > params.contrast {
@@ -96,8 +98,8 @@ pub(crate) fn resample(
 
 /// Whether a pixel on an edge stands beside one that is noisy for as many samples. Its own noise has no say: those whose samples
 /// missed what is bright would keep them, and the picture would be too dark.
-pub(crate) fn is_beside_noise(
-    pixels: &[Sample],
+pub(crate) fn is_beside_noise<L: Kept>(
+    pixels: &[Sample<L>],
     width: usize,
     index: usize,
     noise: f32,
@@ -128,12 +130,15 @@ pub(crate) fn again(params: &RenderParams, (x, y): (usize, usize)) -> Key {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::layers::{Beauty, LightLayer};
+    use catoptric_scene::Rgb;
 
     /// A pixel made of samples with these luminances.
-    fn pixel(luminances: &[f32]) -> Sample {
-        let mut pixel = Sample { samples: luminances.len() as u32, ..Sample::NOTHING };
+    fn pixel(luminances: &[f32]) -> Sample<Beauty> {
+        let mut pixel: Sample<Beauty> = Sample { samples: luminances.len() as u32, ..Sample::NOTHING };
         pixel.squares = luminances.iter().map(|l| l * l).sum();
-        pixel.light.values[0] = Rgb::splat(luminances.iter().sum::<f32>() / luminances.len() as f32);
+        let mean = luminances.iter().sum::<f32>() / luminances.len() as f32;
+        pixel.light.add(LightLayer::Emission, false, Rgb::splat(mean));
         pixel
     }
 
@@ -142,7 +147,7 @@ mod tests {
         // Mean 1, variance (0 + 0 + 0 + 16 − 4·1²) / 3 = 4; a tenth of the mean of the picture is added to the light.
         assert!((pixel(&[0.0, 0.0, 0.0, 4.0]).deviation(2.0) - 2.0 / 1.2).abs() < 1e-6);
         assert_eq!(pixel(&[3.0; 4]).deviation(1.0), 0.0);
-        assert_eq!(Sample::NOTHING.deviation(1.0), 0.0);
+        assert_eq!(Sample::<Beauty>::NOTHING.deviation(1.0), 0.0);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use catoptric_image::Image;
 use catoptric_radiosity::Solved;
 use catoptric_render::direct::{DirectLight, ShadowRays};
+use catoptric_render::render::pixel_bytes;
 use catoptric_render::{RenderParams, Rendered, render};
 use catoptric_scene::Camera;
 use catoptric_solution::Solution;
@@ -40,7 +41,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let mut input = Input::read_with(&args.scene, args.transport.sky.as_ref(), &args.transport.ies, light)?;
     let views = views(args, &input)?;
     check_outputs(&outputs, &views, report_file.as_deref(), &input)?;
-    check_memory(&views)?;
+    check_memory(&views, args.layers.contains(&Layers::Light))?;
     if let Some(solution) = &input.solution {
         check_settings(args, solution)?;
     }
@@ -163,14 +164,11 @@ fn check_outputs(
     output::check_are_no_inputs(&paths, &input.files)
 }
 
-/// Bytes that a pixel takes while an image is traced: its samples' sums by layer. Measured, in one block.
-const PIXEL_BYTES: usize = 204;
-
 /// Says now, not after pass one, that there is no memory for an image: a block of it is asked for, and given back untouched.
-fn check_memory(views: &[View]) -> Result<(), Failure> {
+fn check_memory(views: &[View], layers: bool) -> Result<(), Failure> {
     let Some(largest) = views.iter().max_by_key(|view| view.width * view.height) else { return Ok(()) };
     let View { width, height, .. } = largest;
-    let bytes = width.saturating_mul(*height).saturating_mul(PIXEL_BYTES);
+    let bytes = width.saturating_mul(*height).saturating_mul(pixel_bytes(layers));
     Vec::<u8>::new().try_reserve_exact(bytes).map_err(|_| {
         let gigabytes = bytes as f64 * 1e-9;
         Failure::run(
