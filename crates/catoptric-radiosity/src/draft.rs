@@ -57,6 +57,14 @@ pub struct Leaf {
     pub level: u8,
 }
 
+impl Leaf {
+    /// Its edges.
+    pub(crate) fn edges(&self) -> [(u32, u32); 3] {
+        let [a, b, c] = self.vertices;
+        [edge(a, b), edge(b, c), edge(c, a)]
+    }
+}
+
 impl DraftVertex {
     /// Gathers other light where it receives that of sources, and not farther inside.
     pub(crate) fn gather_there(&mut self) {

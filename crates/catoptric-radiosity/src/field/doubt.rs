@@ -7,7 +7,7 @@ use catoptric_scene::{Cancelled, Progress, Rgb};
 use crate::JOB;
 use crate::draft::Draft;
 use crate::field::{Field, Known, Look, Values, mean};
-use crate::refine::{RefineParams, shows};
+use crate::refine::{RefineParams, misses, shows};
 
 /// What others found is off if it differs from what is foretold by more than this multiple of its deviation.
 const STRAYED: f32 = 2.0;
@@ -16,6 +16,20 @@ const DOUBTFUL: f32 = 2.0;
 /// Difference along an edge, relative to the mean of its ends, from which on the mesh is not finer than the light on it: of the light that
 /// sources send if nothing blocks them, and of what was found.
 const STEEP: f32 = 0.5;
+/// Vertices of the budget for each small region that is looked into.
+const PER_REGION: usize = 4;
+
+/// A part of the mesh that hangs together.
+#[derive(Clone, Copy, Default)]
+struct Region {
+    /// Its largest leaf, …
+    leaf: u32,
+    area: f32,
+    /// … and the longest edge of that, metres.
+    longest: f32,
+    /// The middles of some edges will be looked at.
+    is_halved: bool,
+}
 
 impl Values {
     /// Where what is shared differs from one neighbour to the next, or from what is foretold, every vertex is evaluated: the worst first,
@@ -48,26 +62,7 @@ impl Values {
             .collect();
         doubtful.sort_by(|&a, &b| worst[b as usize].total_cmp(&worst[a as usize]).then(a.cmp(&b)));
         doubtful.truncate(params.max_vertices);
-        let found: Vec<Rgb> = doubtful
-            .par_iter()
-            .with_min_len(16)
-            .with_max_len(JOB)
-            .map(|&v| {
-                if progress.is_cancelled() {
-                    return Rgb::ZERO;
-                }
-                let leads: Vec<u32> = self.sharing.parts(v).iter().map(|part| part.0).collect();
-                field.evaluate(draft, v, Known::At(&leads), Look::Close(1)).value
-            })
-            .collect();
-        if progress.is_cancelled() {
-            return Err(Cancelled);
-        }
-        field.settle();
-        for (&vertex, value) in doubtful.iter().zip(found) {
-            self.values[vertex as usize] = value;
-            self.sharing.ask(vertex);
-        }
+        self.evaluate_apart(draft, field, doubtful, progress)?;
         // Where it differs along edges as well they are as others. So they are where none is off but edges are too long for the light along
         // them: that of a lamp beside.
         let contrast =
@@ -91,6 +86,102 @@ impl Values {
                     }
                 }
             }
+        }
+        Ok(())
+    }
+
+    /// Looks into the small parts of the mesh of which refinement will look at no edge, the largest first: where all corners stand in the
+    /// shadow of what they touch, as those of the post of a chair between its seat and its back, none contradicts another. Those that hold
+    /// something else share no longer; returns edges of theirs that are to be halved.
+    pub(crate) fn look_into_small(
+        &mut self,
+        draft: &Draft,
+        field: &dyn Field,
+        params: &RefineParams,
+        progress: &dyn Progress,
+    ) -> Result<Vec<(u32, u32)>, Cancelled> {
+        let floor = params.floor * mean(draft, &self.values);
+        let region_of = draft.regions();
+        let mut regions = vec![Region::default(); draft.vertices.len()];
+        for (index, leaf) in draft.leaves.iter().enumerate() {
+            let region = &mut regions[region_of[leaf.root as usize] as usize];
+            let mut longest = 0.0_f32;
+            for (a, b) in leaf.edges() {
+                let length = draft.length((a, b));
+                longest = longest.max(length);
+                region.is_halved |= length > params.short_edge && !self.is_fine((a, b), length);
+            }
+            let area = draft.area(leaf);
+            if area > region.area {
+                *region = Region { leaf: index as u32, area, longest, ..*region };
+            }
+        }
+        // Smaller ones would not be split, whatever is in them.
+        let is_small =
+            |region: &Region| region.area > 0.0 && !region.is_halved && region.longest > params.blur;
+        let mut small: Vec<Region> = regions.into_iter().filter(is_small).collect();
+        small.sort_by(|a, b| b.longest.total_cmp(&a.longest).then(a.leaf.cmp(&b.leaf)));
+        small.truncate(params.max_vertices / PER_REGION);
+        let wrong: Vec<u32> = small
+            .par_iter()
+            .with_min_len(16)
+            .with_max_len(JOB)
+            .filter(|region| {
+                if progress.is_cancelled() {
+                    return false;
+                }
+                let corners = draft.leaves[region.leaf as usize].vertices;
+                let look = self.look(draft, &corners, params);
+                let foretold = corners.iter().map(|&v| self.values[v as usize]).sum::<Rgb>() / 3.0;
+                let found = field.evaluate_inside(draft, region.leaf, look);
+                misses([foretold, found], region.longest, floor, params).is_some()
+            })
+            .map(|region| region.leaf)
+            .collect();
+        let of = |leaf: u32| region_of[draft.leaves[leaf as usize].root as usize];
+        let mut is_wrong = vec![false; draft.vertices.len()];
+        wrong.iter().for_each(|&leaf| is_wrong[of(leaf) as usize] = true);
+        let mut apart: Vec<u32> = draft
+            .leaves
+            .iter()
+            .filter(|leaf| is_wrong[region_of[leaf.root as usize] as usize])
+            .flat_map(|leaf| leaf.vertices)
+            .collect();
+        apart.sort_unstable();
+        apart.dedup();
+        let asked = apart.iter().copied().filter(|&v| !self.sharing.is_asked(v)).collect();
+        self.evaluate_apart(draft, field, asked, progress)?;
+        apart.into_iter().for_each(|v| self.sharing.part(v));
+        Ok(wrong.into_iter().flat_map(|leaf| draft.leaves[leaf as usize].edges()).collect())
+    }
+
+    /// Evaluates vertices that others sampled for until now.
+    fn evaluate_apart(
+        &mut self,
+        draft: &Draft,
+        field: &dyn Field,
+        vertices: Vec<u32>,
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
+        let found: Vec<Rgb> = vertices
+            .par_iter()
+            .with_min_len(16)
+            .with_max_len(JOB)
+            .map(|&v| {
+                if progress.is_cancelled() {
+                    return Rgb::ZERO;
+                }
+                let leads: Vec<u32> = self.sharing.parts(v).iter().map(|part| part.0).collect();
+                field.evaluate(draft, v, Known::At(&leads), Look::Close(1)).value
+            })
+            .collect();
+        if progress.is_cancelled() {
+            return Err(Cancelled);
+        }
+        field.settle();
+        for (vertex, value) in vertices.into_iter().zip(found) {
+            self.values[vertex as usize] = value;
+            self.sharing.ask(vertex);
         }
         Ok(())
     }

@@ -228,6 +228,11 @@ impl Values {
         fresh
     }
 
+    /// Whether the mesh is finer at an edge of this length, metres, than the light on it.
+    pub(crate) fn is_fine(&self, edge: (u32, u32), length: f32) -> bool {
+        self.sharing.shares(edge.0) && self.sharing.shares(edge.1) && length < 2.0 * self.sharing.cell()
+    }
+
     /// How closely to look between some vertices.
     pub(crate) fn look(&self, draft: &Draft, ends: &[u32], params: &RefineParams) -> Look {
         let known = || ends.iter().enumerate().map(|(k, &v)| (k, self.found.get(v as usize)));
