@@ -149,8 +149,8 @@ impl Values {
             .collect();
         apart.sort_unstable();
         apart.dedup();
-        let asked = apart.iter().copied().filter(|&v| !self.sharing.is_asked(v)).collect();
-        self.evaluate_apart(draft, field, asked, progress)?;
+        let unasked = apart.iter().copied().filter(|&v| !self.sharing.is_asked(v)).collect();
+        self.evaluate_apart(draft, field, unasked, progress)?;
         apart.into_iter().for_each(|v| self.sharing.part(v));
         Ok(wrong.into_iter().flat_map(|leaf| draft.leaves[leaf as usize].edges()).collect())
     }
