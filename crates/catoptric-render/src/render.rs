@@ -402,7 +402,8 @@ fn image<L: Kept>(scene: &Scene, pixels: &[Sample<L>], params: &RenderParams) ->
     let layered: Vec<&Layered> = pixels.iter().filter_map(|p| p.light.layered()).collect();
     if !layered.is_empty() {
         for (index, name) in NAMES.iter().enumerate() {
-            let layer: Vec<[f32; 3]> = layered.iter().map(|l| l.light.values[index].to_array()).collect();
+            let value = |layered: &&Layered| layered.light.values[index].to_array();
+            let layer: Vec<[f32; 3]> = layered.par_iter().with_min_len(FEW).map(value).collect();
             image.push_rgb_layer(name, &layer);
         }
         let first = |layered: &&Layered| FirstHit::of(scene, layered.first.as_ref());

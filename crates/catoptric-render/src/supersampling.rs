@@ -129,9 +129,10 @@ pub(crate) fn again(params: &RenderParams, (x, y): (usize, usize)) -> Key {
 
 #[cfg(test)]
 mod tests {
+    use catoptric_scene::Rgb;
+
     use super::*;
     use crate::layers::{Beauty, LightLayer};
-    use catoptric_scene::Rgb;
 
     /// A pixel made of samples with these luminances.
     fn pixel(luminances: &[f32]) -> Sample<Beauty> {

@@ -71,8 +71,8 @@ type Memory = FxHashMap<(u64, u32, Option<usize>), Known>;
 
 /// Irradiance at the draft's vertices with the power of the deposits; zero where no leaf has the vertex.
 pub(super) fn project(draft: &Draft, deposits: &Deposits, sharpening: u32) -> Vec<Rgb> {
-    let near = Near::new(draft, deposits);
-    let leaves = look(draft, deposits, &near, &Memory::default());
+    let lit = Lit::new(draft, deposits);
+    let leaves = look(draft, deposits, &lit, &Memory::default());
     Projection::new(draft, &leaves, sharpening).values
 }
 
@@ -81,18 +81,18 @@ pub(super) fn project(draft: &Draft, deposits: &Deposits, sharpening: u32) -> Ve
 const RINGS: usize = POOLING + 2;
 
 /// The part of a mesh that deposits have to do with: of many leaves, few.
-struct Near {
+struct Lit {
     /// By base triangle: it got deposits, …
-    lit: Vec<bool>,
+    roots: Vec<bool>,
     /// … or is in a ring around such.
     reached: Vec<bool>,
 }
 
-impl Near {
+impl Lit {
     fn new(draft: &Draft, deposits: &Deposits) -> Self {
-        let mut lit = vec![false; draft.base.len()];
-        deposits.roots().for_each(|root| lit[root as usize] = true);
-        let mut reached = lit.clone();
+        let mut roots = vec![false; draft.base.len()];
+        deposits.roots().for_each(|root| roots[root as usize] = true);
+        let mut reached = roots.clone();
         let mut touched = vec![false; draft.vertices.len()];
         for _ in 0..RINGS {
             for (corners, _) in draft.base.iter().zip(&reached).filter(|(_, reached)| **reached) {
@@ -102,7 +102,7 @@ impl Near {
                 *reached |= corners.iter().any(|&v| touched[v as usize]);
             }
         }
-        Self { lit, reached }
+        Self { roots, reached }
     }
 }
 
@@ -126,8 +126,8 @@ impl Looked {
 }
 
 /// The moments of every leaf that deposits have to do with.
-fn look(draft: &Draft, deposits: &Deposits, near: &Near, memory: &Memory) -> Vec<Looked> {
-    let reached = |leaf: &&Leaf| near.reached[leaf.root as usize];
+fn look(draft: &Draft, deposits: &Deposits, lit: &Lit, memory: &Memory) -> Vec<Looked> {
+    let reached = |leaf: &&Leaf| lit.reached[leaf.root as usize];
     let indices: Vec<u32> =
         draft.leaves.iter().zip(0..).filter(|(leaf, _)| reached(leaf)).map(|(_, index)| index).collect();
     indices
@@ -139,7 +139,7 @@ fn look(draft: &Draft, deposits: &Deposits, near: &Near, memory: &Memory) -> Vec
             let part = Part::of(draft, &leaf);
             let halved = draft.halved_edge(leaf.vertices);
             let mut looked = Looked { index, leaf, part, halved, known: Known::default() };
-            if near.lit[leaf.root as usize] {
+            if lit.roots[leaf.root as usize] {
                 let fresh = || Known { moments: moments(deposits, part, halved.map(|h| h.0)), judged: None };
                 looked.known = memory.get(&looked.key()).copied().unwrap_or_else(fresh);
             }
@@ -265,13 +265,13 @@ pub(super) fn refine(
     progress: &dyn Progress,
 ) -> Result<Density, Cancelled> {
     let first = draft.vertices.len();
-    let near = Near::new(draft, deposits);
+    let lit = Lit::new(draft, deposits);
     let mut memory = Memory::default();
     for round in 0.. {
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
-        let mut leaves = look(draft, deposits, &near, &memory);
+        let mut leaves = look(draft, deposits, &lit, &memory);
         let mut projection = Projection::new(draft, &leaves, params.sharpening);
         let values = &projection.values;
         leaves.par_iter_mut().with_min_len(64).with_max_len(8 * JOB).for_each(|looked| {
@@ -564,6 +564,41 @@ mod tests {
             let [line, beside] = split(1000, 1.9, seed);
             assert!(line > 0.85 && beside < 0.05, "{line} {beside}");
         }
+    }
+
+    /// What few deposits do to a large mesh is the same where all of it is looked at.
+    #[test]
+    fn beyond_the_rings_nothing_happens() {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        parts.add_quad("sheet", white, Vec3::ZERO, Vec3::X, Vec3::Y);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let draft = Draft::new(&Tracer::new(&scene), 0.03);
+        let middle = |leaf: &&Leaf| draft.center(leaf).distance(Vec3::new(0.5, 0.5, 0.0)) < 0.1;
+        let key = Key::new(0, Purpose::Test, 0);
+        // One ray each, of uneven power: all is noise, and smoothed as far as it goes.
+        let deposits: Vec<Deposit> = draft
+            .leaves
+            .iter()
+            .filter(middle)
+            .map(|leaf| Deposit::of(leaf.root, [1.0 / 3.0; 3], Rgb::splat(key.uniform(leaf.root))))
+            .collect();
+        let deposits = Deposits::new(&deposits, 1.0);
+        let lit = Lit::new(&draft, &deposits);
+        let all = Lit { roots: lit.roots.clone(), reached: vec![true; draft.base.len()] };
+        let [few, every] = [&lit, &all].map(|lit| {
+            let leaves = look(&draft, &deposits, lit, &Memory::default());
+            let mut projection = Projection::new(&draft, &leaves, 1);
+            projection.smooth(&vec![1e-3; draft.vertices.len()]);
+            (leaves.len(), projection.values)
+        });
+        assert!(few.0 < every.0 / 2 && every.0 == draft.leaves.len(), "{} of {}", few.0, every.0);
+        assert_eq!(few.1, every.1);
+        // Smoothing has moved light to where no deposit's triangle has a corner.
+        let lumped = project(&draft, &deposits, 1);
+        assert!(
+            few.1.iter().zip(&lumped).any(|(smooth, lumped)| *lumped == Rgb::ZERO && *smooth != Rgb::ZERO)
+        );
     }
 
     /// A bright vertex in a dark strip: the consistent mass matrix alone would leave negative light beside it.

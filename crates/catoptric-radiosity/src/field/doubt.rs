@@ -1,4 +1,4 @@
-//! Where what others sampled is not to be trusted: their neighbours contradict it, or what sources would send does.
+//! Where what others sampled is not to be trusted: their neighbours contradict it, or what sources would send does, or what is inside.
 
 use rayon::prelude::*;
 
@@ -102,27 +102,8 @@ impl Values {
     ) -> Result<Vec<(u32, u32)>, Cancelled> {
         let floor = params.floor * mean(draft, &self.values);
         let region_of = draft.regions();
-        let mut regions = vec![Region::default(); draft.vertices.len()];
-        for (index, leaf) in draft.leaves.iter().enumerate() {
-            let region = &mut regions[region_of[leaf.root as usize] as usize];
-            let mut longest = 0.0_f32;
-            for (a, b) in leaf.edges() {
-                let length = draft.length((a, b));
-                longest = longest.max(length);
-                region.is_halved |= length > params.short_edge && !self.is_fine((a, b), length);
-            }
-            let area = draft.area(leaf);
-            if area > region.area {
-                *region = Region { leaf: index as u32, area, longest, ..*region };
-            }
-        }
-        // Smaller ones would not be split, whatever is in them.
-        let is_small =
-            |region: &Region| region.area > 0.0 && !region.is_halved && region.longest > params.blur;
-        let mut small: Vec<Region> = regions.into_iter().filter(is_small).collect();
-        small.sort_by(|a, b| b.longest.total_cmp(&a.longest).then(a.leaf.cmp(&b.leaf)));
-        small.truncate(params.max_vertices / PER_REGION);
-        let wrong: Vec<u32> = small
+        let wrong: Vec<u32> = self
+            .small_regions(draft, &region_of, params)
             .par_iter()
             .with_min_len(16)
             .with_max_len(JOB)
@@ -153,6 +134,32 @@ impl Values {
         self.evaluate_apart(draft, field, unasked, progress)?;
         apart.into_iter().for_each(|v| self.sharing.part(v));
         Ok(wrong.into_iter().flat_map(|leaf| draft.leaves[leaf as usize].edges()).collect())
+    }
+
+    /// Parts of the mesh, by base triangle in `region_of`, of which refinement will look at no edge: the largest, as many as there is room
+    /// for.
+    fn small_regions(&self, draft: &Draft, region_of: &[u32], params: &RefineParams) -> Vec<Region> {
+        let mut regions = vec![Region::default(); draft.vertices.len()];
+        for (index, leaf) in draft.leaves.iter().enumerate() {
+            let region = &mut regions[region_of[leaf.root as usize] as usize];
+            let mut longest = 0.0_f32;
+            for (a, b) in leaf.edges() {
+                let length = draft.length((a, b));
+                longest = longest.max(length);
+                region.is_halved |= length > params.short_edge && !self.is_fine((a, b), length);
+            }
+            let area = draft.area(leaf);
+            if area > region.area {
+                *region = Region { leaf: index as u32, area, longest, ..*region };
+            }
+        }
+        // Smaller ones would not be split, whatever is in them.
+        let is_small =
+            |region: &Region| region.area > 0.0 && !region.is_halved && region.longest > params.blur;
+        let mut small: Vec<Region> = regions.into_iter().filter(is_small).collect();
+        small.sort_by(|a, b| b.longest.total_cmp(&a.longest).then(a.leaf.cmp(&b.leaf)));
+        small.truncate(params.max_vertices / PER_REGION);
+        small
     }
 
     /// Evaluates vertices that others sampled for until now.
