@@ -80,10 +80,15 @@ impl RenderParams {
             Quality::Sketch | Quality::Draft => DirectLight::Vertices,
             Quality::Standard | Quality::High => DirectLight::Auto(ShadowRays::for_quality(quality)),
         };
+        let mut walk = SplitParams { roulette_below, ..SplitParams::default() };
+        if quality == Quality::High {
+            // Between lossless mirrors the horizon is a line of what takes more events: it is as much narrower.
+            walk.max_depth *= 4;
+        }
         Self {
             width,
             height,
-            walk: SplitParams { roulette_below, ..SplitParams::default() },
+            walk,
             light: LightParams::default(),
             direct,
             seed: 0,

@@ -289,10 +289,10 @@ pub(crate) struct TransportArgs {
     #[arg(long, value_enum, default_value_t = QualityWord::Standard)]
     pub(crate) quality: QualityWord,
 
-    /// Reflections and refractions in a row after which a path is given up (and booked). Light of lamps by way of planar mirrors is not
-    /// followed but taken from images, of up to eight reflections.
-    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    pub(crate) max_depth: u32,
+    /// Reflections and refractions in a row after which a path is given up (and booked): 1000, at `high` 4000 for what the eye sees. Light
+    /// of lamps by way of planar mirrors is not followed but taken from images, of up to eight reflections.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub(crate) max_depth: Option<u32>,
 
     /// Plain radiosity: mirrors and glass are seen but light nothing. For teaching.
     #[arg(long)]

@@ -8,6 +8,7 @@ use catoptric_radiosity::{SolveError, SolveParams, Solved, solve};
 use catoptric_scene::{Rgb, SceneHash};
 use catoptric_solution::Solution;
 use catoptric_trace::Tracer;
+use catoptric_trace::walk::WalkParams;
 
 use crate::args::TransportArgs;
 use crate::failure::Failure;
@@ -54,7 +55,7 @@ pub(crate) fn run(
     reporter: &Reporter,
 ) -> Result<Solved, Failure> {
     let mut params = SolveParams::for_quality(args.quality.quality());
-    params.walk.max_depth = args.max_depth;
+    params.walk.max_depth = max_depth(args);
     params.walk.extended = !args.plain;
     params.light = light(args);
     params.seed = args.seed;
@@ -71,6 +72,11 @@ pub(crate) fn run(
     solved.solution.scene_hash = hash;
     solved.solution.settings.extend(settings(args));
     Ok(solved)
+}
+
+/// Events after which pass one gives a path up.
+fn max_depth(args: &TransportArgs) -> u32 {
+    args.max_depth.unwrap_or(WalkParams::default().max_depth)
 }
 
 /// What to do about it.
@@ -97,7 +103,7 @@ pub(crate) fn settings(args: &TransportArgs) -> BTreeMap<String, String> {
     let mut settings = BTreeMap::from([
         entry("version", env!("CARGO_PKG_VERSION").to_owned()),
         entry("quality", args.quality.name().to_owned()),
-        entry("max_depth", args.max_depth.to_string()),
+        entry("max_depth", max_depth(args).to_string()),
         entry("plain", args.plain.to_string()),
         entry("seed", args.seed.to_string()),
     ]);

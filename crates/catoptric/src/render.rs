@@ -212,7 +212,7 @@ fn check_settings(args: &RenderArgs, solution: &Solution) -> Result<(), Failure>
 
 fn params(args: &RenderArgs, solution: &Solution, view: &View) -> RenderParams {
     let mut params = RenderParams::for_quality(args.transport.quality.quality(), view.width, view.height);
-    params.walk.max_depth = args.transport.max_depth;
+    params.walk.max_depth = args.transport.max_depth.unwrap_or(params.walk.max_depth);
     params.light = pass_one::light_of(solution);
     match args.direct {
         Direct::Auto if !pass_one::is_classical(solution) => {}

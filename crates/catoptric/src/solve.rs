@@ -111,7 +111,7 @@ fn snapshots(
     let Some(camera) = tracer.scene().cameras().first() else { return Ok(Vec::new()) };
     let (width, height) = args.snapshot_size.pixels(camera).map_err(Failure::Usage)?;
     let mut params = RenderParams::for_quality(args.transport.quality.quality(), width, height);
-    params.walk.max_depth = args.transport.max_depth;
+    params.walk.max_depth = args.transport.max_depth.unwrap_or(params.walk.max_depth);
     params.light = pass_one::light(&args.transport);
     params.seed = args.transport.seed;
     // What has arrived by then is in the mesh.

@@ -51,7 +51,7 @@ impl CausticParams {
             Quality::Sketch => (1 << 16, 2_000, 0.1),
             Quality::Draft => (1 << 18, 6_000, 0.06),
             Quality::Standard => (1 << 21, 20_000, 0.036),
-            Quality::High => (1 << 22, 200_000, 0.02),
+            Quality::High => (1 << 22, 200_000, 0.025),
         };
         Self {
             min_rays: 1 << 14,
