@@ -2,28 +2,43 @@
 //!
 //! Where lamps are seen straight or over planar mirrors their outlines are known ([`crate::outlines`]). In a chrome ball or through glass they
 //! are not, and the image of a lamp there may be as small as it likes. The last legs of the paths through the centres of four neighbouring pixels
-//! span a bundle (beam tracing to first order: HeckbertHanrahan1984 in docs/references.md). Where a part of a source lies in it that none of the
-//! four met, they are sampled, and what they find leads on along it.
+//! span a bundle (beam tracing to first order: HeckbertHanrahan1984 in docs/references.md). Where a part of a source lies in it, or of its image in a planar
+//! mirror, that not all of the four met, they are sampled, and what they find leads on along it. A highlight may be a hundredth of a pixel, and a few hundred
+//! times as bright as what is beside it: Newton's method finds where it is, and half of the samples go there.
 
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DMat2, DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-use catoptric_light::Lights;
+use catoptric_light::chains::{ImageChain, ImageChains};
 use catoptric_light::emitter::Cell;
 use catoptric_light::lamp::{Lamp, Outline, Sight};
+use catoptric_light::{Lights, contour};
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_trace::PlaneId;
+use catoptric_trace::walk::split::Way;
 
 use crate::layers::Kept;
-use crate::outlines::Thin;
+use crate::outlines::signed_area;
 use crate::pixel::Sample;
 
 /// Pairs of a bundle and a source that are looked at, at most: some ten milliseconds. The brightest sources come first.
 const MOST_PAIRS: usize = 1 << 20;
+/// Images of sources, at most.
+const MOST_SOURCES: usize = 1 << 12;
 /// Cosine of the angle from their mean up to which four directions are those of one bundle.
 const BUNDLED: f32 = 0.9;
 /// Sources are looked at more closely if they are nearer to the axis than this multiple of what four straight legs span there.
 const SLACK: f32 = 1.5;
+/// Sides of the squares of Newton's steps, pixels.
+const SIDES: [f64; 3] = [1.0, 0.25, 0.06];
+/// Pixels, by area, from which on samples find an image by themselves.
+const SMALL: f64 = 0.25;
+/// Pixels by which a source is taken to be wider than first order has it, at least.
+const MARGIN: f64 = 0.02;
+/// … and, for the square of its extent from the middle, as what is curved bends it.
+const BEND: f64 = 0.1;
+/// Sine of the angle between a quadrilateral's sides up to which nobody knows where something in it is.
+const FOLDED: f64 = 1e-3;
 /// Share of what a source sends from which on a centre has met it.
 const MET: f32 = 0.5;
 
@@ -35,87 +50,137 @@ pub(crate) struct Leg {
     direction: Vec3,
     /// Throughput of the path, luminance; 0 if there is none.
     strength: f32,
-    events: u32,
+    way: Way,
 }
 
-/// The strongest leg of the paths through a pixel's centre after one event (what a ball shows), and after more (what is seen through it).
+impl Leg {
+    /// Where it runs: origin and direction.
+    fn line(&self) -> (DVec3, DVec3) {
+        (self.origin.as_dvec3(), self.direction.as_dvec3())
+    }
+}
+
+/// Legs of a pixel that are kept: of a glass ball what is seen through it, what it shows and what its back shows, and as many over a mirror.
+const KEPT: usize = 6;
+
+/// The strongest legs of the paths through a pixel's centre, by different ways.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Legs([Leg; 2]);
+pub(crate) struct Legs([Leg; KEPT]);
 
 impl Legs {
-    /// Notes what a path of so many events brings to the eye.
-    pub(crate) fn note(&mut self, origin: Vec3, direction: Vec3, strength: f32, events: u32) {
-        if events == 0 {
-            return;
-        }
-        let known = &mut self.0[usize::from(events > 1)];
-        if strength > known.strength {
-            *known = Leg { origin, direction, strength, events };
+    /// Notes what a path brings to the eye that something curved or refracting had a part in: outlines over planar mirrors are known.
+    pub(crate) fn note(&mut self, origin: Vec3, direction: Vec3, strength: f32, way: Way) {
+        // The weakest is the last.
+        let place = self.0.partition_point(|known| known.strength >= strength);
+        if place < KEPT {
+            self.0[place..].rotate_right(1);
+            self.0[place] = Leg { origin, direction, strength, way };
         }
     }
+
+    /// Whether there are any.
+    pub(crate) fn any(&self) -> bool {
+        self.0[0].strength > 0.0
+    }
+
+    /// The leg of a way.
+    fn by(&self, way: Way) -> Option<&Leg> {
+        self.0.iter().find(|leg| leg.strength > 0.0 && leg.way == way)
+    }
+}
+
+/// Where a source passes between the centres of four pixels that did not all meet it.
+#[derive(Clone, Debug)]
+pub(crate) struct Missed {
+    /// By index.
+    pub(crate) pixels: [usize; 4],
+    /// What the source sends there, about.
+    pub(crate) luminance: f32,
+    /// Index of the source.
+    source: usize,
+    /// How it got there.
+    way: Way,
 }
 
 /// What is looked for.
 struct Source<'a> {
+    /// Of a ball around it, or its image.
     center: Vec3,
     radius: f32,
+    /// What of it arrives over the mirrors, at most.
     luminance: f32,
     shape: Shape<'a>,
+    /// Over planar mirrors.
+    chain: Option<&'a ImageChain>,
 }
 
+#[derive(Clone, Copy)]
 enum Shape<'a> {
     Lamp(&'a Lamp),
     Cell(&'a Cell),
 }
 
-/// The sources of a scene, the brightest first.
-pub(crate) struct Sources<'a>(Vec<Source<'a>>);
+/// The sources of a scene and their images in planar mirrors (which curved ones show, too), the brightest first.
+pub(crate) struct Sources<'a> {
+    chains: &'a ImageChains,
+    sources: Vec<Source<'a>>,
+}
 
 impl<'a> Sources<'a> {
     pub(crate) fn new(lights: &'a Lights) -> Self {
+        let chains = lights.chains();
+        let mut sources: Vec<Source> = Vec::new();
         if !lights.tracer().has_specular() {
-            return Self(Vec::new());
+            return Self { chains, sources };
         }
         let emitters = lights.emitters();
         let alone = emitters.lamps().iter().map(|lamp| lamp.cells.start as usize).min();
         let cells = &emitters.cells()[..alone.unwrap_or(emitters.cells().len())];
         let lamp = |lamp: &'a Lamp| {
             let (center, radius) = lamp.ball();
-            let luminance = lamp.radiance.dot(LUMINANCE);
-            Source { center: center.as_vec3(), radius: radius as f32, luminance, shape: Shape::Lamp(lamp) }
+            (center, radius, lamp.radiance.dot(LUMINANCE), Shape::Lamp(lamp))
         };
         let cell = |cell: &'a Cell| {
             let polygon = cell.polygon();
             let corners = polygon.corners();
             let center = corners.iter().sum::<DVec3>() / corners.len() as f64;
             let radius = corners.iter().map(|c| c.distance(center)).fold(0.0, f64::max);
-            let luminance = cell.radiance.dot(LUMINANCE);
-            Source { center: center.as_vec3(), radius: radius as f32, luminance, shape: Shape::Cell(cell) }
+            (center, radius, cell.radiance.dot(LUMINANCE), Shape::Cell(cell))
         };
-        let mut sources: Vec<Source> =
-            emitters.lamps().iter().map(lamp).chain(cells.iter().map(cell)).collect();
+        let mut targets = Vec::new();
+        for (center, radius, luminance, shape) in
+            emitters.lamps().iter().map(lamp).chain(cells.iter().map(cell))
+        {
+            let radius = radius as f32;
+            sources.push(Source { center: center.as_vec3(), radius, luminance, shape, chain: None });
+            for chain in chains.chains().iter().take(MOST_SOURCES / (emitters.lamps().len() + cells.len())) {
+                chains.targets(chain, center, &mut targets);
+                let luminance = luminance * chain.strength();
+                sources.push(Source { center: targets[0], radius, luminance, shape, chain: Some(chain) });
+            }
+        }
         sources.sort_by(|a, b| b.luminance.total_cmp(&a.luminance));
-        Self(sources)
+        Self { chains, sources }
     }
 
     /// Whether there are any, and what may throw rays to them.
     pub(crate) fn are_thrown(&self) -> bool {
-        !self.0.is_empty()
+        !self.sources.is_empty()
     }
 
-    /// Pixels beside which a source passes that no centre met, and what it sends there: of those from index `first` on in a picture
-    /// `width` pixels wide, whose legs are those of `legs`.
+    /// Where a source passes between centres that did not all meet it, and what it sends there: of the pixels from index `first` on in a picture
+    /// `width` pixels wide, `shot` through its centres, whose legs are those of `legs`.
     pub(crate) fn between<L: Kept>(
         &self,
-        pixels: &[Sample<L>],
-        legs: &[Legs],
+        shot: &[Sample<L>],
+        legs: &[Option<Box<Legs>>],
         first: usize,
         width: usize,
-    ) -> Vec<Thin> {
+    ) -> Vec<Missed> {
         let known = |leg: &Leg| leg.strength > 0.0;
-        let bundles = legs.iter().flat_map(|legs| &legs.0).filter(|leg| known(leg)).count();
-        let most = (MOST_PAIRS / bundles.max(1)).max(1).min(self.0.len());
-        let sources = &self.0[..most];
+        let bundles = legs.iter().flatten().flat_map(|legs| &legs.0).filter(|leg| known(leg)).count();
+        let most = (MOST_PAIRS / bundles.max(1)).max(1).min(self.sources.len());
+        let sources = &self.sources[..most];
         if bundles == 0 || sources.is_empty() {
             return Vec::new();
         }
@@ -123,33 +188,57 @@ impl<'a> Sources<'a> {
         (0..below)
             .into_par_iter()
             .with_min_len(1024)
-            .flat_map_iter(|index| {
-                let corners = [0, 1, width + 1, width].map(|step| index + step);
-                let is_last = (first + index) % width + 1 == width;
-                let found = |slot: usize| {
-                    let quad = corners.map(|corner| legs[corner].0[slot]);
-                    if is_last
-                        || !quad.iter().all(known)
-                        || quad.iter().any(|leg| leg.events != quad[0].events)
-                    {
-                        return None;
-                    }
-                    let bundle = Bundle::new(quad)?;
-                    let met = |corner: &usize| pixels[first + corner].light.emission();
-                    let brightest = corners.iter().map(met).fold(0.0, f32::max);
-                    sources
-                        .iter()
-                        .map(|source| (source, source.luminance * bundle.strength))
-                        .take_while(|(_, sent)| brightest < MET * sent)
-                        .find(|(source, _)| bundle.holds(source))
-                        .map(|(_, sent)| sent)
-                };
-                let luminance = found(0).or_else(|| found(1));
-                luminance.into_iter().flat_map(move |luminance| {
-                    corners.map(|corner| Thin { pixel: first + corner, luminance })
+            .filter_map(|index| {
+                let own = legs[index].as_ref()?;
+                // The last of a row has no neighbours on its right.
+                if (first + index) % width + 1 == width {
+                    return None;
+                }
+                let pixels = [0, 1, width + 1, width].map(|step| first + index + step);
+                let [_, right, across, below] = pixels.map(|pixel| legs[pixel - first].as_ref());
+                let (right, across, below) = (right?, across?, below?);
+                let met = pixels.map(|pixel| shot[pixel].light.emission());
+                let least = met.into_iter().fold(f32::INFINITY, f32::min);
+                own.0.iter().filter(|leg| known(leg)).find_map(|leg| {
+                    let way = leg.way;
+                    let bundle = Bundle::new([*leg, *right.by(way)?, *across.by(way)?, *below.by(way)?])?;
+                    let (source, luminance) = (sources.iter().enumerate())
+                        .map(|(index, source)| (index, source.luminance * bundle.strength))
+                        .take_while(|(_, sent)| least < MET * sent)
+                        .find(|(index, _)| bundle.holds(&sources[*index], self.chains))?;
+                    Some(Missed { pixels, luminance, source, way })
                 })
             })
             .collect()
+    }
+
+    /// The outline of a source that was missed as far as it lies in the four pixels, in pixels of the picture, a little wider than it is; `None`
+    /// where it cannot be told, or is not so small that samples would miss it. Found by Newton's method: `shoot` gives the legs through a place.
+    pub(crate) fn outline(
+        &self,
+        missed: &Missed,
+        width: usize,
+        mut shoot: impl FnMut(DVec2) -> Legs,
+    ) -> Option<Vec<DVec2>> {
+        let source = &self.sources[missed.source];
+        let first = DVec2::new((missed.pixels[0] % width) as f64, (missed.pixels[0] / width) as f64);
+        let mut middle = first + 1.0;
+        let (mut outline, mut area) = (Vec::new(), 0.0);
+        for side in SIDES {
+            let corner = middle - 0.5 * side;
+            let mut lines = [(DVec3::ZERO, DVec3::ZERO); 4];
+            for (line, step) in lines.iter_mut().zip(CORNERS) {
+                *line = shoot(corner + step * side).by(missed.way)?.line();
+            }
+            let crossing = Lines(lines).cross(source, self.chains)?;
+            let seen: Vec<DVec2> = crossing.in_square()?.into_iter().map(|p| corner + p * side).collect();
+            let near = within(&widened(&seen, MARGIN), first, 2.0);
+            (middle, area) = (mean(&near)?, signed_area(&near).abs());
+            let extent = near.iter().map(|p| p.distance(middle)).fold(0.0, f64::max);
+            let margin = MARGIN + side * crossing.bent()? + BEND * extent * extent;
+            outline = within(&widened(&seen, margin), first, 2.0);
+        }
+        (area < SMALL).then_some(outline)
     }
 }
 
@@ -176,8 +265,8 @@ impl Bundle {
         is_one.then_some(Self { legs, origin, direction, shift, spread, strength })
     }
 
-    /// Whether a part of a source lies between the legs, as far as nothing else is in the way.
-    fn holds(&self, source: &Source) -> bool {
+    /// Whether a part of a source, or of its image, lies between the legs, as far as nothing else is in the way.
+    fn holds(&self, source: &Source, chains: &ImageChains) -> bool {
         let to = source.center - self.origin;
         let along = to.dot(self.direction);
         if along + source.radius <= 0.0 {
@@ -187,37 +276,125 @@ impl Bundle {
         if (to - self.direction * along).length() > source.radius + SLACK * reach {
             return false;
         }
+        if let Some(chain) = source.chain {
+            let slack = self.spread + source.radius / to.length().max(f32::MIN_POSITIVE);
+            let (origin, image) = (self.origin.as_dvec3(), source.center.as_dvec3());
+            if !chains.may_meet(chain, origin, image, self.shift.into(), slack.into()) {
+                return false;
+            }
+        }
+        let lines = Lines(self.legs.map(|leg| leg.line()));
+        lines.cross(source, chains).is_some_and(|crossing| crossing.overlaps())
+    }
+}
+
+/// Where four legs run, in turn: origins and directions.
+struct Lines([(DVec3, DVec3); 4]);
+
+/// The corners of the unit square, in turn.
+const CORNERS: [DVec2; 4] = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
+
+impl Lines {
+    /// Where they cross the plane of a source that is turned to them, or over the mirrors of its image.
+    fn cross(mut self, source: &Source, chains: &ImageChains) -> Option<Crossing> {
+        if let Some(chain) = source.chain {
+            for (origin, direction) in &mut self.0 {
+                let image = chains.unfold(chain, *origin, *direction, *direction)?;
+                (*origin, *direction) = (image.position, image.normal);
+            }
+        }
+        let origin = self.0.iter().map(|line| line.0).sum::<DVec3>() / 4.0;
         match source.shape {
             Shape::Cell(cell) => {
                 let polygon = cell.polygon();
-                cell.normal.dot(self.origin.as_dvec3() - polygon.corners()[0]) > 0.0
-                    && self.crosses(polygon.corners(), cell.normal)
+                let is_turned = cell.normal.dot(origin - polygon.corners()[0]) > 0.0;
+                is_turned.then(|| self.cross_plane(polygon.corners(), cell.normal))?
             }
             Shape::Lamp(lamp) => {
                 let mut outline = Outline::default();
-                let seen = lamp.outline(self.origin.as_dvec3(), to.as_dvec3(), PlaneId::NONE, &mut outline);
-                seen == Sight::Outline && self.crosses(&outline.corners, outline.axis)
+                let seen = lamp.outline(origin, lamp.ball().0 - origin, PlaneId::NONE, &mut outline);
+                (seen == Sight::Outline).then(|| self.cross_plane(&outline.corners, outline.axis))?
             }
         }
     }
 
-    /// Whether a convex polygon in a plane with the unit normal `normal` meets the quadrilateral of where the legs cross that plane. Not where
-    /// one of them does not.
-    fn crosses(&self, polygon: &[DVec3], normal: DVec3) -> bool {
+    /// Where they cross the plane of a convex polygon with the unit normal `normal`. Not if one of them does not.
+    fn cross_plane(&self, polygon: &[DVec3], normal: DVec3) -> Option<Crossing> {
         let [u, v] = [normal.any_orthonormal_vector(), normal.cross(normal.any_orthonormal_vector())];
         let flat = |p: DVec3| DVec2::new(u.dot(p - polygon[0]), v.dot(p - polygon[0]));
         let mut quad = [DVec2::ZERO; 4];
-        for (corner, leg) in quad.iter_mut().zip(&self.legs) {
-            let (origin, direction) = (leg.origin.as_dvec3(), leg.direction.as_dvec3());
+        for (corner, (origin, direction)) in quad.iter_mut().zip(self.0) {
             let distance = normal.dot(polygon[0] - origin) / normal.dot(direction);
             if !(distance > 0.0 && distance.is_finite()) {
-                return false;
+                return None;
             }
             *corner = flat(origin + direction * distance);
         }
-        let polygon: Vec<DVec2> = polygon.iter().map(|&p| flat(p)).collect();
-        !is_apart(&polygon, &quad) && !is_apart(&quad, &polygon)
+        Some(Crossing { quad, polygon: polygon.iter().map(|&p| flat(p)).collect() })
     }
+}
+
+/// Where four legs cross the plane of a source, and its convex outline there.
+struct Crossing {
+    quad: [DVec2; 4],
+    polygon: Vec<DVec2>,
+}
+
+impl Crossing {
+    fn overlaps(&self) -> bool {
+        !is_apart(&self.polygon, &self.quad) && !is_apart(&self.quad, &self.polygon)
+    }
+
+    /// How the corners of the quadrilateral move with those of the unit square. `None` where it is folded flat.
+    fn square(&self) -> Option<DMat2> {
+        let [a, b, c, d] = self.quad;
+        let square = DMat2::from_cols(0.5 * (b - a + c - d), 0.5 * (d - a + c - b));
+        let flat = FOLDED * square.x_axis.length() * square.y_axis.length();
+        (square.determinant().abs() > flat).then_some(square)
+    }
+
+    /// By how much its corners lie beside those of a parallelogram, in sides of the unit square.
+    fn bent(&self) -> Option<f64> {
+        let [a, b, c, d] = self.quad;
+        Some((self.square()?.inverse() * (a - b + c - d)).length())
+    }
+
+    /// The outline where the quadrilateral is the unit square, to first order.
+    fn in_square(&self) -> Option<Vec<DVec2>> {
+        let (inverse, middle) = (self.square()?.inverse(), self.quad.iter().sum::<DVec2>() / 4.0);
+        Some(self.polygon.iter().map(|&p| 0.5 + inverse * (p - middle)).collect())
+    }
+}
+
+/// Moves the edges of a convex polygon outwards, sharp corners by twice as much.
+fn widened(polygon: &[DVec2], margin: f64) -> Vec<DVec2> {
+    let count = polygon.len();
+    let turn = signed_area(polygon).signum();
+    let out = |a: DVec2, b: DVec2| (a - b).perp().normalize_or_zero() * turn;
+    let corner = |k: usize| {
+        let [before, own, after] = [k + count - 1, k, k + 1].map(|k| polygon[k % count]);
+        let [a, b] = [out(before, own), out(own, after)];
+        own + (a + b) * (margin / (1.0 + a.dot(b)).max(0.5))
+    };
+    (0..count).map(corner).collect()
+}
+
+/// The part of a convex polygon in a square.
+fn within(polygon: &[DVec2], corner: DVec2, side: f64) -> Vec<DVec2> {
+    let mut polygon = polygon.to_vec();
+    for (axis, end) in [(0, corner.x), (1, corner.y)] {
+        for (sign, end) in [(1.0, end), (-1.0, end + side)] {
+            let mut rest = Vec::new();
+            contour::clip(&polygon, |p| sign * (p[axis] - end), DVec2::lerp, |p| rest.push(p));
+            polygon = rest;
+        }
+    }
+    polygon
+}
+
+/// The mean of the corners of a polygon, if there are any.
+fn mean(polygon: &[DVec2]) -> Option<DVec2> {
+    (!polygon.is_empty()).then(|| polygon.iter().sum::<DVec2>() / polygon.len() as f64)
 }
 
 /// Whether an edge of a convex polygon parts it from other points.
@@ -235,17 +412,17 @@ fn is_apart(polygon: &[DVec2], others: &[DVec2]) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use catoptric_trace::Event;
+
     use super::*;
 
     /// Four legs one metre up, a tenth of a metre apart, that spread upwards.
-    fn bundle(spread: f32) -> Bundle {
-        let leg = |(x, z): (f32, f32)| Leg {
-            origin: Vec3::new(0.1 * x, 1.0, 0.1 * z),
-            direction: Vec3::new(spread * (x - 0.5), 1.0, spread * (z - 0.5)).normalize_or_zero(),
-            strength: 1.0,
-            events: 1,
+    fn legs(spread: f64) -> Lines {
+        let line = |(x, z): (f64, f64)| {
+            let direction = DVec3::new(spread * (x - 0.5), 1.0, spread * (z - 0.5));
+            (DVec3::new(0.1 * x, 1.0, 0.1 * z), direction.normalize_or_zero())
         };
-        Bundle::new([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(leg)).expect("one bundle")
+        Lines([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(line))
     }
 
     fn strip(x: f64, width: f64) -> Vec<DVec3> {
@@ -254,18 +431,21 @@ mod tests {
             .to_vec()
     }
 
+    fn overlap(spread: f64, polygon: &[DVec3], normal: DVec3) -> bool {
+        legs(spread).cross_plane(polygon, normal).is_some_and(|crossing| crossing.overlaps())
+    }
+
     #[test]
     fn a_strip_is_found_between_legs_however_thin() {
         // One metre on, legs of no spread are 0.1 m apart, others 0.3 m.
         for (spread, reach) in [(0.0, [0.0, 0.1]), (0.2, [-0.1, 0.2])] {
-            let bundle = bundle(spread);
             for width in [0.0, 1e-6, 1e-3] {
                 for step in 0..40 {
                     let x = -0.3 + 0.0171 * f64::from(step);
                     let is_inside = x + width > reach[0] && x < reach[1];
                     let is_near = (x - reach[0]).abs().min((x - reach[1]).abs()) < 1e-6;
                     assert!(
-                        is_near || bundle.crosses(&strip(x, width), DVec3::NEG_Y) == is_inside,
+                        is_near || overlap(spread, &strip(x, width), DVec3::NEG_Y) == is_inside,
                         "{x} {width}"
                     );
                 }
@@ -273,17 +453,58 @@ mod tests {
         }
         // Behind the legs, nothing is.
         let below: Vec<DVec3> = strip(0.05, 0.01).iter().map(|p| *p - DVec3::Y * 1.5).collect();
-        assert!(!bundle(0.0).crosses(&below, DVec3::Y));
+        assert!(!overlap(0.0, &below, DVec3::Y));
     }
 
     #[test]
-    fn the_strongest_legs_are_noted_by_their_events() {
+    fn the_strongest_legs_are_kept_and_found_by_their_ways() {
+        let strengths = [0.04, 0.9, 0.02, 0.03, 0.01, 0.05, 0.5, 0.6];
+        let ways: Vec<Way> =
+            (0..strengths.len()).map(|branch| Way::default().through(branch, Event::Curved)).collect();
         let mut legs = Legs::default();
-        legs.note(Vec3::ZERO, Vec3::X, 1.0, 0);
-        assert!(legs.0.iter().all(|leg| leg.strength == 0.0));
-        for (strength, events) in [(0.04, 1), (0.9, 2), (0.02, 3), (0.03, 1)] {
-            legs.note(Vec3::ZERO, Vec3::X, strength, events);
+        assert!(ways.iter().all(|way| legs.by(*way).is_none()));
+        assert!(!legs.any());
+        for (&way, strength) in ways.iter().zip(strengths) {
+            legs.note(Vec3::ZERO, Vec3::X, strength, way);
         }
-        assert_eq!(legs.0.map(|leg| (leg.strength, leg.events)), [(0.04, 1), (0.9, 2)]);
+        for (&way, strength) in ways.iter().zip(strengths) {
+            let kept = (strength > 0.02).then_some(strength);
+            assert_eq!(legs.by(way).map(|leg| leg.strength), kept);
+        }
+    }
+
+    #[test]
+    fn a_source_is_placed_where_it_is_between_the_legs() {
+        // One metre on, from −0.1 to 0.2 m.
+        let square = strip(0.02, 0.03).into_iter().map(|p| DVec3::new(p.x, p.y, p.z.clamp(0.1, 0.12)));
+        let square: Vec<DVec3> = square.collect();
+        let crossing = legs(0.2).cross_plane(&square, DVec3::NEG_Y).expect("they cross it");
+        let seen = crossing.in_square().expect("they are not folded");
+        let placed = |x: f64, z: f64| DVec2::new((x + 0.1) / 0.3, (z + 0.1) / 0.3);
+        let expected = [placed(0.02, 0.1), placed(0.05, 0.1), placed(0.05, 0.12), placed(0.02, 0.12)];
+        assert!(seen.iter().zip(expected).all(|(seen, expected)| seen.distance(expected) < 1e-12));
+        assert!(crossing.bent().is_some_and(|bent| bent < 1e-12));
+        // Legs in one plane leave open where it is.
+        let flat = legs(0.2).0.map(|(origin, direction)| (origin.with_z(0.0), direction.with_z(0.0)));
+        let crossing = Lines(flat).cross_plane(&square, DVec3::NEG_Y).expect("they cross it");
+        assert!(crossing.in_square().is_none());
+    }
+
+    #[test]
+    fn polygons_are_cut_to_squares() {
+        let at = DVec2::new;
+        let diamond = [at(0.0, -1.0), at(1.0, 0.0), at(0.0, 1.0), at(-1.0, 0.0)];
+        let part = within(&diamond, DVec2::ZERO, 2.0);
+        let corners = [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0)];
+        assert!(part.iter().all(|p| corners.iter().any(|c| p.distance(*c) < 1e-12)));
+        assert!(corners.iter().all(|c| part.iter().any(|p| p.distance(*c) < 1e-12)));
+        assert!(within(&diamond, at(1.5, 1.5), 2.0).is_empty());
+        // Its edges are √½ from the middle.
+        let wider = diamond.map(|p| p * (1.0 + 0.1 / 0.5_f64.sqrt()));
+        let turned = |polygon: &[DVec2]| polygon.iter().rev().copied().collect::<Vec<_>>();
+        for (polygon, wider) in [(diamond.to_vec(), wider.to_vec()), (turned(&diamond), turned(&wider))] {
+            let found = widened(&polygon, 0.1);
+            assert!(found.iter().zip(wider).all(|(found, p)| found.distance(p) < 1e-12));
+        }
     }
 }

@@ -60,6 +60,8 @@ pub(crate) struct Cut {
     parts: [Vec<[DVec2; 3]>; 2],
     /// Area of all triangles before each, and of all.
     sums: [Vec<f64>; 2],
+    /// All inside shows the lamp, if nothing is before it.
+    is_exact: bool,
 }
 
 impl Outlines {
@@ -123,6 +125,19 @@ impl Outlines {
         }
         if least_width(outline) < WIDE {
             self.thin.extend(pixels.into_iter().map(|pixel| Thin { pixel, luminance }));
+        }
+    }
+
+    /// Cuts a pixel of which nothing else is known by a convex outline of what is about there, in pixels of a picture so wide.
+    pub(crate) fn guess(&mut self, index: usize, outline: &[DVec2], width: usize) {
+        if outline.len() < 3 {
+            return;
+        }
+        if let Entry::Vacant(entry) = self.crossed.entry(index) {
+            let corner = DVec2::new((index % width) as f64, (index / width) as f64);
+            if let Some(cut) = Cut::new(outline, corner) {
+                entry.insert(Some(Cut { is_exact: false, ..cut }));
+            }
         }
     }
 
@@ -223,7 +238,7 @@ impl Cut {
             });
             std::iter::once(0.0).chain(before).collect::<Vec<f64>>()
         });
-        let cut = Self { parts, sums };
+        let cut = Self { parts, sums, is_exact: true };
         (0..2).all(|side| cut.area(side) > LEAST_SHARE).then_some(cut)
     }
 
@@ -245,10 +260,13 @@ impl Cut {
         (place.as_vec2().clamp(Vec2::ZERO, Vec2::ONE), side, 2.0 * all as f32)
     }
 
-    /// A place inside the outline.
-    pub(crate) fn inside(&self) -> Vec2 {
+    /// A place inside the outline, which shows the lamp if nothing is before it; none if that is not certain.
+    pub(crate) fn inside(&self) -> Option<Vec2> {
+        if !self.is_exact {
+            return None;
+        }
         let weighed = self.parts[0].iter().map(|t| (t[0] + t[1] + t[2]) / 3.0 * signed_area(t).abs());
-        (weighed.sum::<DVec2>() / self.area(0)).as_vec2()
+        Some((weighed.sum::<DVec2>() / self.area(0)).as_vec2())
     }
 }
 
@@ -268,7 +286,7 @@ fn edges(polygon: &[DVec2]) -> impl Iterator<Item = (DVec2, DVec2)> {
 }
 
 /// Area of a polygon, positive if it runs from x to y.
-fn signed_area(polygon: &[DVec2]) -> f64 {
+pub(crate) fn signed_area(polygon: &[DVec2]) -> f64 {
     0.5 * edges(polygon).map(|(a, b)| a.perp_dot(b)).sum::<f64>()
 }
 
@@ -368,7 +386,7 @@ mod tests {
             let grid = (0..1_000_000)
                 .filter(|k| is_inside(at((k % 1000) as f64 + 0.5, (k / 1000) as f64 + 0.5) / 1000.0) > 0.0);
             assert!((grid.count() as f64 * 1e-6 - cut.area(0)).abs() < 3e-3);
-            assert!(is_inside(cut.inside().as_dvec2()) > 0.0);
+            assert!(is_inside(cut.inside().expect("it is exact").as_dvec2()) > 0.0);
             // The mean of a smooth function, and of the light of a lamp that fills the outline.
             let key = Key::new(3, Purpose::Test, 0);
             let (mut weights, mut moment, mut lamp) = (0.0, Vec2::ZERO, 0.0);

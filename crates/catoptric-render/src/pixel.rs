@@ -154,8 +154,15 @@ const STEPS: [(i64, i64); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1
 pub struct Scratch {
     light: irradiance::Scratch,
     waiting: split::Waiting,
-    /// Of the last sample.
-    pub(crate) legs: Legs,
+    /// Of the last sample, if they are asked for.
+    pub(crate) legs: Option<Legs>,
+}
+
+impl Scratch {
+    /// … with the legs of the last sample.
+    pub(crate) fn noting_legs() -> Self {
+        Self { legs: Some(Legs::default()), ..Self::default() }
+    }
 }
 
 /// What a view needs.
@@ -187,7 +194,9 @@ impl Eye<'_> {
         let (mut light, mut first) = (L::DARK, None);
         let mut shadows = shadow_rays.map(|rays| Shadows::new(rays, key.child(index).child(SHADOWS)));
         let mut lines = 0.0;
-        scratch.legs = Legs::default();
+        if let Some(legs) = &mut scratch.legs {
+            *legs = Legs::default();
+        }
         let (mut trail, mut rim) = (0x811c_9dc5_u32, 0);
         split::trace(
             tracer,
@@ -198,8 +207,10 @@ impl Eye<'_> {
             &mut scratch.waiting,
             |hit| first = Some(*hit),
             |sight| match sight {
-                Sight::Sky { origin, direction, throughput, events } => {
-                    scratch.legs.note(origin, direction, throughput.dot(LUMINANCE), events);
+                Sight::Sky { origin, direction, throughput, events, way } => {
+                    if let Some(legs) = scratch.legs.as_mut().filter(|_| way.bends()) {
+                        legs.note(origin, direction, throughput.dot(LUMINANCE), way);
+                    }
                     if throughput.max_element() > FAINT {
                         trail = step(trail, 0, events);
                     }
@@ -222,8 +233,14 @@ impl Eye<'_> {
                             rim = step(rim, facet, seen.events);
                         }
                     }
-                    let origin = seen.position - seen.direction * seen.hit.t;
-                    scratch.legs.note(origin, seen.direction, seen.throughput.dot(LUMINANCE), seen.events);
+                    // What ends inside of glass bends once more before it meets a source.
+                    let is_inside =
+                        || seen.media != MediumStack::AIR && scene.material_of(seen.hit.triangle).is_solid();
+                    let is_noted = || seen.way.bends() && !is_inside();
+                    if let Some(legs) = scratch.legs.as_mut().filter(|_| is_noted()) {
+                        let origin = seen.position - seen.direction * seen.hit.t;
+                        legs.note(origin, seen.direction, seen.throughput.dot(LUMINANCE), seen.way);
+                    }
                     self.see(&seen, &mut light, &mut shadows, &mut scratch.light);
                     if let Some(footprint) = footprint {
                         lines += lines::coverage(&self.solution.mesh, &seen, footprint);

@@ -5,13 +5,15 @@
 //! A first ray through each pixel's centre leaves a trail of what it met; pixels whose trail differs
 //! from a neighbour's, or whose radiance bends, are sampled again on a grid of their own (`supersampling`), and the first ray is not used.
 //! As long as their neighbours turn out noisy, they are sampled more. Where the outline of a lamp crosses a pixel, both sides are strata; where
-//! a lamp may pass between centres, seen straight, over mirrors or in what is curved (`bundles`), pixels are sampled whatever these met. Along what else is thinner than a pixel and passes between
+//! a lamp may pass between centres, seen straight, over mirrors or in what is curved (`bundles`), pixels are sampled whatever these met, and where
+//! its image is much smaller than a pixel, half of the samples go there. Along what else is thinner than a pixel and passes between
 //! centres, pixels are sampled because those before are noisy, or found it on that side.
 //! Where a pixel's own samples leave it quite uncertain, as one that met a spark does, there are more of them.
 //! Pixels in or beside a penumbra that shadow rays found are sampled again through the centre, by more of them.
 
 use std::ops::Range;
 
+use glam::DVec2;
 use rayon::prelude::*;
 
 use catoptric_image::Image;
@@ -23,12 +25,12 @@ use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose};
 use catoptric_trace::walk::split::SplitParams;
 
-use crate::bundles::{Legs, Sources};
+use crate::bundles::{Legs, Missed, Sources};
 use crate::direct::{DirectLight, ShadowRays};
 use crate::layers::{Beauty, Kept, Layered, NAMES};
 use crate::lines::{Footprint, LAYER as LINES};
 use crate::needs::{Compared, DARK, Need, SAME, mean_luminance};
-use crate::outlines::{Outlines, Thin};
+use crate::outlines::Outlines;
 use crate::penumbrae::Penumbrae;
 use crate::pixel::{Eye, FirstHit, Sample, Scratch};
 use crate::resolution::Resolution;
@@ -168,13 +170,13 @@ fn render_keeping<L: Kept>(
     // One ray through the centre of every pixel.
     progress.begin("image", ((1 + counts.len()) * (width * height).div_ceil(JOB)) as u64);
     let mut pixels: Vec<Sample<L>> = Vec::with_capacity(width * height);
-    // The legs of these rays, from the row above a band on.
+    // The legs of these rays, from the row above a band on. In boxes: most pixels have none, and they are hundreds of bytes.
     let sources = Sources::new(&lights);
-    let (mut legs, mut missed): (Vec<Legs>, Vec<Thin>) = (Vec::new(), Vec::new());
+    let (mut legs, mut missed): (Vec<Option<Box<Legs>>>, Vec<Missed>) = (Vec::new(), Vec::new());
     while pixels.len() < width * height {
         let band = pixels.len()..(pixels.len() + BAND).min(width * height);
         let above = legs.len();
-        legs.resize(if sources.are_thrown() { above + band.len() } else { 0 }, Legs::default());
+        legs.resize(if sources.are_thrown() { above + band.len() } else { 0 }, None);
         let first = band.into_par_iter().with_min_len(JOB).with_max_len(JOB);
         let shot = |scratch: &mut Scratch, index: usize| {
             if index.is_multiple_of(JOB) {
@@ -189,10 +191,10 @@ fn render_keeping<L: Kept>(
         };
         if sources.are_thrown() {
             pixels.par_extend(first.zip(&mut legs[above..]).map_init(
-                Scratch::default,
+                Scratch::noting_legs,
                 |scratch, (index, legs)| {
                     let sample = shot(scratch, index);
-                    *legs = scratch.legs;
+                    *legs = scratch.legs.filter(Legs::any).map(Box::new);
                     sample
                 },
             ));
@@ -211,7 +213,7 @@ fn render_keeping<L: Kept>(
     let exposure = mean_luminance(&pixels);
     let same = if params.layers { 0.0 } else { SAME * params.contrast };
     let mut compared = Compared::new(&pixels, width, params.contrast, same, exposure);
-    let (mut needs, outlines) =
+    let (mut needs, mut outlines) =
         rayon::join(|| compared.needs(), || Outlines::new(&lights, camera, (width, height)));
     // Few rays in a penumbra may differ as much as an edge does: more of them come first.
     let mut penumbrae = Penumbrae::new(pixels.len());
@@ -231,10 +233,33 @@ fn render_keeping<L: Kept>(
             needs[thin.pixel] = Need::Samples;
         }
     }
-    for thin in missed {
-        let beside = pixels[thin.pixel].light.beauty().dot(LUMINANCE) + DARK * exposure;
-        if thin.luminance > params.contrast * beside {
-            needs[thin.pixel] = Need::Samples;
+    let shows = |missed: &Missed, pixel: usize| {
+        let beside = pixels[pixel].light.beauty().dot(LUMINANCE) + DARK * exposure;
+        missed.luminance > params.contrast * beside
+    };
+    missed.retain(|missed| missed.pixels.iter().any(|&pixel| shows(missed, pixel)));
+    for missed in &missed {
+        for &pixel in missed.pixels.iter().filter(|&&pixel| shows(missed, pixel)) {
+            needs[pixel] = Need::Samples;
+        }
+    }
+    let place = |scratch: &mut Scratch, missed: &Missed| {
+        if progress.is_cancelled() {
+            return None;
+        }
+        let key = Key::new(params.seed, Purpose::Pixel, missed.pixels[0] as u64).child(PLACES);
+        sources.outline(missed, width, |place| {
+            let (at, within) = (place.as_usizevec2(), place.fract().as_vec2());
+            let (at, within) = ((at.x, at.y), (within.x, within.y));
+            shoot::<Beauty>(&eye, camera, params, at, within, None, (key, 0), scratch);
+            scratch.legs.unwrap_or_default()
+        })
+    };
+    let placed: Vec<Option<Vec<DVec2>>> =
+        missed.par_iter().with_max_len(JOB).map_init(Scratch::noting_legs, place).collect();
+    for (missed, outline) in missed.iter().zip(placed) {
+        for pixel in missed.pixels {
+            outlines.guess(pixel, outline.as_deref().unwrap_or_default(), width);
         }
     }
     let resample = |at: (usize, usize), fresh: Range<u32>, pixel: &mut Sample<L>, scratch: &mut Scratch| {
@@ -307,6 +332,9 @@ fn render_keeping<L: Kept>(
     };
     Ok(Rendered { image: image(tracer.scene(), &pixels, params), report })
 }
+
+/// Child of a pixel's key for the rays that look where a source is.
+const PLACES: u32 = 2;
 
 /// Pixels in one parallel job. A row is too long: where a horizon lies between mirrors, it takes as long as the rest.
 const JOB: usize = 32;

@@ -60,7 +60,8 @@ pub(crate) fn resample<L: Kept>(
         (pixel.lines, pixel.squares) = (0.0, 0.0);
         // Something else may be before the lamp.
         let shows = |cut: &&Cut| {
-            let (place, sample) = (cut.inside(), (key.child(INSIDE), 0));
+            let Some(place) = cut.inside() else { return true };
+            let sample = (key.child(INSIDE), 0);
             let Sample::<L> { light, .. } =
                 shoot(eye, camera, params, at, (place.x, place.y), None, sample, scratch);
             light.emission() > 0.0

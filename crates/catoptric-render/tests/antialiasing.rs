@@ -54,33 +54,39 @@ fn strong_edges_are_smooth_and_faint_ones_cost_little() {
     }
 }
 
-/// A strip lamp 4 cm wide and 2 m long, behind the eye, that nothing but a chrome ball shows.
-fn strip_before_a_ball() -> Scene {
+/// A lamp of some width behind the eye, that nothing but a ball shows, before a wall that glows, too.
+fn lamp_before_a_ball(
+    ball: Material,
+    at: Vec3,
+    strength: f32,
+    [length, width]: [f32; 2],
+    wall: f32,
+) -> Scene {
     let mut parts = SceneParts::default();
-    let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::splat(300.0))));
-    let chrome = parts.add_material(Material::mirror("chrome", Rgb::splat(0.9)));
-    parts.add_sphere("ball", chrome, Vec3::new(0.03, -0.02, -1.0), 0.8, 48);
-    parts.add_quad(
-        "lamp",
-        lamp,
-        Vec3::new(-1.1, 1.3, 1.5),
-        Vec3::new(2.0, 0.3, 0.0),
-        Vec3::new(0.0, 0.0, 0.04),
-    );
+    let mut glowing =
+        |strength: f32| parts.add_material(Material::emitter("glowing", Radiance(Rgb::splat(strength))));
+    let (lamp, wall) = (glowing(strength), glowing(wall));
+    let ball = parts.add_material(ball);
+    parts.add_sphere("ball", ball, at, 0.8, 48);
+    let along = Vec3::new(length, 0.15 * length, 0.0);
+    parts.add_quad("lamp", lamp, Vec3::new(-0.1, 1.45, 1.5) - 0.5 * along, along, Vec3::Z * width);
+    parts.add_quad("wall", wall, Vec3::new(-4.0, -4.0, -3.0), Vec3::X * 8.0, Vec3::Y * 8.0);
     Scene::new(parts).expect("a valid scene")
 }
 
-/// The ball shows the strip some 0.5 m long and half a centimetre wide: at 32 pixels a pixel is 6 cm wide, at 200 one, so
-/// that centres meet it rarely or never.
+/// Light of a square picture, in its pixels.
+fn sum(scene: &Scene, size: usize, most_samples: u32) -> f64 {
+    let params = RenderParams { most_samples, ..RenderParams::for_quality(Quality::Standard, size, size) };
+    picture(scene, &params).0.iter().sum()
+}
+
+/// The ball shows a strip 4 cm wide and 2 m long some 0.5 m long and half a centimetre wide: at 32 pixels a pixel is 6 cm wide, at 200 one,
+/// so that centres meet it rarely or never.
 #[test]
 fn a_strip_in_a_chrome_ball_is_as_bright_at_any_size() {
-    let scene = strip_before_a_ball();
-    let mean = |size: usize, most_samples: u32| {
-        let params =
-            RenderParams { most_samples, ..RenderParams::for_quality(Quality::Standard, size, size) };
-        let (pixels, _) = picture(&scene, &params);
-        pixels.iter().sum::<f64>() / pixels.len() as f64
-    };
+    let chrome = Material::mirror("chrome", Rgb::splat(0.9));
+    let scene = lamp_before_a_ball(chrome, Vec3::new(0.03, -0.02, -1.0), 300.0, [2.0, 0.04], 0.0);
+    let mean = |size: usize, most_samples: u32| sum(&scene, size, most_samples) / (size * size) as f64;
     // Every pixel by as many samples as it likes.
     let expected = mean(600, 4096);
     assert!(expected > 0.0);
@@ -89,6 +95,26 @@ fn a_strip_in_a_chrome_ball_is_as_bright_at_any_size() {
         // At 32 pixels it is a twelfth of one wide: 256 samples of a pixel deviate by √(11/256) = 0.21, the mean of eight
         // pixels by 0.07.
         assert!((found / expected - 1.0).abs() < 0.14, "{size}: {found} of {expected}");
+    }
+}
+
+/// A glass ball shows a lamp twice, in front and, upside down, in its back: both much fainter than what is seen through it, and smaller than
+/// a pixel.
+#[test]
+fn a_small_lamp_in_a_glass_ball_is_never_missed() {
+    let light = |at: Vec3, size: usize, most_samples: u32| {
+        let [lit, dark] = [600.0, 0.0].map(|strength| {
+            let glass = Material::glass("glass", 1.5);
+            sum(&lamp_before_a_ball(glass, at, strength, [0.1, 0.1], 1.0), size, most_samples)
+        });
+        (lit - dark) / (size * size) as f64
+    };
+    for step in 0..12 {
+        // A pixel is 3 cm wide.
+        let at = Vec3::new(0.0053 * step as f32, 0.0082 * step as f32, -1.0);
+        let (found, expected) = (light(at, 64, 256), light(at, 384, 256));
+        // Each of three images, one in the rim, is met by about half of eight samples: they deviate by √(1/8) at most, their sum by 0.2.
+        assert!((found / expected - 1.0).abs() < 0.3, "{step}: {found} of {expected}");
     }
 }
 

@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use catoptric_scene::Rgb;
 
+use crate::chain::Event;
 use crate::interaction::Interaction;
 use crate::medium::MediumStack;
 use crate::sequence::Key;
@@ -50,6 +51,8 @@ pub struct Seen<'a> {
     pub throughput: Rgb,
     /// Events on the way.
     pub events: u32,
+    /// Which branches it took at them: the same for paths through neighbouring pixels that differ in nothing else.
+    pub way: Way,
     /// Media at the end.
     pub media: MediumStack,
     /// Length of the whole path, metres.
@@ -71,7 +74,32 @@ pub enum Sight<'a> {
         throughput: Rgb,
         /// Events on the way.
         events: u32,
+        /// Which branches it took at them.
+        way: Way,
     },
+}
+
+/// Which branches a path took, event by event: in base four, so that a dozen are told apart, and of longer ways most.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Way {
+    branches: u32,
+    bends: bool,
+}
+
+impl Way {
+    /// … and this branch of an event at its end.
+    #[must_use]
+    pub fn through(self, branch: usize, event: Event) -> Self {
+        Self {
+            branches: self.branches.wrapping_mul(4).wrapping_add(1 + branch as u32),
+            bends: self.bends || !matches!(event, Event::Undeviated | Event::Planar(_)),
+        }
+    }
+
+    /// Whether anything but large planar mirrors had a part in it.
+    pub fn bends(self) -> bool {
+        self.bends
+    }
 }
 
 /// A branch that is still to be followed.
@@ -85,6 +113,7 @@ struct Open {
     depth: u32,
     /// Those that did something to the light.
     events: u32,
+    way: Way,
     /// It went on by roulette.
     drawn: bool,
 }
@@ -127,7 +156,16 @@ pub fn trace(
     first: impl FnMut(&Hit),
     see: impl FnMut(Sight),
 ) {
-    let path = Open { ray, media, throughput: Rgb::ONE, distance: 0.0, depth: 0, events: 0, drawn: false };
+    let path = Open {
+        ray,
+        media,
+        throughput: Rgb::ONE,
+        distance: 0.0,
+        depth: 0,
+        events: 0,
+        way: Way::default(),
+        drawn: false,
+    };
     let interact = |direction: Vec3, hit: &Hit, media| tracer.interact_as_seen(direction, hit, media);
     follow(tracer, path, Some(first), sample, params, waiting, interact, see);
 }
@@ -143,7 +181,16 @@ pub fn trace_on(
     waiting: &mut Waiting,
     see: impl FnMut(Sight),
 ) {
-    let path = Open { ray, media, throughput, distance: 0.0, depth: 1, events: 1, drawn: false };
+    let path = Open {
+        ray,
+        media,
+        throughput,
+        distance: 0.0,
+        depth: 1,
+        events: 1,
+        way: Way::default(),
+        drawn: false,
+    };
     let interact = |direction: Vec3, hit: &Hit, media| tracer.interact(direction, hit, media);
     follow(tracer, path, None::<fn(&Hit)>, sample, params, waiting, interact, see);
 }
@@ -169,8 +216,8 @@ fn follow(
     loop {
         let goes_on = 'event: {
             let Some(hit) = tracer.nearest(&path.ray, f32::INFINITY) else {
-                let Open { ray: Ray { origin, direction, .. }, throughput, events, .. } = path;
-                see(Sight::Sky { origin, direction, throughput, events });
+                let Open { ray: Ray { origin, direction, .. }, throughput, events, way, .. } = path;
+                see(Sight::Sky { origin, direction, throughput, events, way });
                 break 'event false;
             };
             path.distance += hit.t;
@@ -195,6 +242,7 @@ fn follow(
                 interaction: &interaction,
                 throughput: path.throughput,
                 events: path.events,
+                way: path.way,
                 media: path.media,
                 distance: path.distance,
             }));
@@ -209,7 +257,7 @@ fn follow(
             let before = Open { events: path.events + 1, ..path };
             let origin = tracer.departure(&hit, position);
             let mut goes_on = false;
-            for branch in interaction.branches() {
+            for (index, branch) in interaction.branches().iter().enumerate() {
                 let mut throughput = before.throughput * branch.throughput;
                 let strength = throughput.max_element();
                 let mut drawn = before.drawn;
@@ -231,7 +279,8 @@ fn follow(
                 }
                 goes_on = true;
                 let ray = Ray { origin, direction: branch.direction, from };
-                path = Open { ray, media: branch.media, throughput, drawn, ..before };
+                let way = before.way.through(index, branch.event);
+                path = Open { ray, media: branch.media, throughput, way, drawn, ..before };
             }
             goes_on
         };
