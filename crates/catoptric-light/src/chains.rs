@@ -451,30 +451,13 @@ impl ImageChains {
         share.max(f64::from(MIN_STRENGTH))
     }
 
-    /// Whether a straight line from `position` to `image`, that of a light over a chain, may meet the chain's first mirror, or pass it by within
-    /// `slack` metres for each metre of the way and `reach` metres.
-    pub fn may_meet(
-        &self,
-        chain: &ImageChain,
-        position: DVec3,
-        image: DVec3,
-        reach: f64,
-        slack: f64,
-    ) -> bool {
-        let Some(&first) = chain.reflectors.first() else { return true };
-        let to = image - position;
-        self.reflectors[first].pieces.iter().any(|piece| {
-            let corners = piece.outline.corners();
-            let share = piece.normal.dot(corners[0] - position) / piece.normal.dot(to);
-            // Behind the mirror, its image lies before it.
-            if !(0.0..=1.0).contains(&share) {
-                return false;
-            }
-            let center = corners.iter().sum::<DVec3>() / corners.len() as f64;
-            let radius = corners.iter().map(|c| c.distance(center)).fold(0.0, f64::max);
-            let met = position + to * share;
-            met.distance(center) <= radius + reach + slack * met.distance(position)
-        })
+    /// The plane of a chain's first mirror, and a ball around all of the mirror.
+    pub fn first_mirror(&self, chain: &ImageChain) -> Option<(Plane, DVec3, f64)> {
+        let reflector = &self.reflectors[*chain.reflectors.first()?];
+        let corners = || reflector.pieces.iter().flat_map(|piece| piece.outline.corners());
+        let center = corners().sum::<DVec3>() / corners().count().max(1) as f64;
+        let radius = corners().map(|c| c.distance(center)).fold(0.0, f64::max);
+        Some((reflector.plane, center, radius))
     }
 
     /// Where a path to the point `light` aims before each mirror, and the light itself last.

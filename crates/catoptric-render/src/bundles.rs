@@ -13,26 +13,32 @@ use catoptric_light::chains::{ImageChain, ImageChains};
 use catoptric_light::emitter::Cell;
 use catoptric_light::lamp::{Lamp, Outline, Sight};
 use catoptric_light::{Lights, contour};
+use catoptric_scene::Progress;
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_trace::PlaneId;
+use catoptric_trace::plane::Plane;
 use catoptric_trace::walk::split::Way;
 
-use crate::layers::Kept;
 use crate::outlines::signed_area;
-use crate::pixel::Sample;
 
-/// Pairs of a bundle and a source that are looked at, at most: some ten milliseconds. The brightest sources come first.
+/// Pairs of a bundle and a source that are looked at, and as many of a bundle and an image, at most, for each band of pixels: some ten
+/// milliseconds. The brightest come first.
 const MOST_PAIRS: usize = 1 << 20;
 /// Images of sources, at most.
-const MOST_SOURCES: usize = 1 << 12;
+const MOST_IMAGES: usize = 1 << 12;
 /// Cosine of the angle from their mean up to which four directions are those of one bundle.
 const BUNDLED: f32 = 0.9;
 /// Sources are looked at more closely if they are nearer to the axis than this multiple of what four straight legs span there.
 const SLACK: f32 = 1.5;
 /// Sides of the squares of Newton's steps, pixels.
 const SIDES: [f64; 3] = [1.0, 0.25, 0.06];
-/// Pixels, by area, from which on samples find an image by themselves.
+/// Pixels, by area, from which on samples find an image by themselves, …
 const SMALL: f64 = 0.25;
+/// … and from which on it will not prove to be so small.
+const LARGE: f64 = 1.0;
+/// Share of the way to a source, or to the mirror that shows it, before which all four legs end if something else is in the way. What is nearer to it
+/// may be the rim of a lamp that looks out of a hole.
+const HIDDEN: f64 = 0.7;
 /// Pixels by which a source is taken to be wider than first order has it, at least.
 const MARGIN: f64 = 0.02;
 /// … and, for the square of its extent from the middle, as what is curved bends it.
@@ -45,12 +51,16 @@ const MET: f32 = 0.5;
 /// The last leg of a path from the eye, to what it met from what threw it there.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Leg {
-    origin: Vec3,
+    pub(crate) origin: Vec3,
     /// Unit vector.
-    direction: Vec3,
-    /// Throughput of the path, luminance; 0 if there is none.
-    strength: f32,
-    way: Way,
+    pub(crate) direction: Vec3,
+    /// Metres to what it met; infinite to the sky.
+    pub(crate) length: f32,
+    /// What a radiance of one at its end brings to the eye, luminance; 0 if there is no leg.
+    pub(crate) strength: f32,
+    /// What is emitted at its end brings.
+    pub(crate) emission: f32,
+    pub(crate) way: Way,
 }
 
 impl Leg {
@@ -60,21 +70,22 @@ impl Leg {
     }
 }
 
-/// Legs of a pixel that are kept: of a glass ball what is seen through it, what it shows and what its back shows, and as many over a mirror.
-const KEPT: usize = 6;
+/// Legs of a pixel that are kept: of a glass ball two within, what is seen through it, what it shows and what its back shows, and as many over a
+/// mirror.
+const KEPT: usize = 8;
 
 /// The strongest legs of the paths through a pixel's centre, by different ways.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Legs([Leg; KEPT]);
 
 impl Legs {
-    /// Notes what a path brings to the eye that something curved or refracting had a part in: outlines over planar mirrors are known.
-    pub(crate) fn note(&mut self, origin: Vec3, direction: Vec3, strength: f32, way: Way) {
+    /// Notes a leg.
+    pub(crate) fn note(&mut self, leg: Leg) {
         // The weakest is the last.
-        let place = self.0.partition_point(|known| known.strength >= strength);
+        let place = self.0.partition_point(|known| known.strength >= leg.strength);
         if place < KEPT {
             self.0[place..].rotate_right(1);
-            self.0[place] = Leg { origin, direction, strength, way };
+            self.0[place] = leg;
         }
     }
 
@@ -96,7 +107,7 @@ pub(crate) struct Missed {
     pub(crate) pixels: [usize; 4],
     /// What the source sends there, about.
     pub(crate) luminance: f32,
-    /// Index of the source.
+    /// Index of the source, images after all that are seen straight.
     source: usize,
     /// How it got there.
     way: Way,
@@ -111,7 +122,17 @@ struct Source<'a> {
     luminance: f32,
     shape: Shape<'a>,
     /// Over planar mirrors.
-    chain: Option<&'a ImageChain>,
+    over: Option<Mirrors<'a>>,
+}
+
+#[derive(Clone, Copy)]
+struct Mirrors<'a> {
+    chain: &'a ImageChain,
+    /// Plane of the first one.
+    plane: Plane,
+    /// A ball around it.
+    center: Vec3,
+    radius: f32,
 }
 
 #[derive(Clone, Copy)]
@@ -120,18 +141,21 @@ enum Shape<'a> {
     Cell(&'a Cell),
 }
 
-/// The sources of a scene and their images in planar mirrors (which curved ones show, too), the brightest first.
+/// The sources of a scene and their images in planar mirrors (which curved ones show, too).
 pub(crate) struct Sources<'a> {
     chains: &'a ImageChains,
-    sources: Vec<Source<'a>>,
+    /// The brightest first.
+    straight: Vec<Source<'a>>,
+    /// … and likewise.
+    images: Vec<Source<'a>>,
 }
 
 impl<'a> Sources<'a> {
     pub(crate) fn new(lights: &'a Lights) -> Self {
         let chains = lights.chains();
-        let mut sources: Vec<Source> = Vec::new();
+        let mut sources = Self { chains, straight: Vec::new(), images: Vec::new() };
         if !lights.tracer().has_specular() {
-            return Self { chains, sources };
+            return sources;
         }
         let emitters = lights.emitters();
         let alone = emitters.lamps().iter().map(|lamp| lamp.cells.start as usize).min();
@@ -147,66 +171,80 @@ impl<'a> Sources<'a> {
             let radius = corners.iter().map(|c| c.distance(center)).fold(0.0, f64::max);
             (center, radius, cell.radiance.dot(LUMINANCE), Shape::Cell(cell))
         };
+        let found: Vec<_> = emitters.lamps().iter().map(lamp).chain(cells.iter().map(cell)).collect();
+        for &(center, radius, luminance, shape) in &found {
+            let (center, radius) = (center.as_vec3(), radius as f32);
+            sources.straight.push(Source { center, radius, luminance, shape, over: None });
+        }
         let mut targets = Vec::new();
-        for (center, radius, luminance, shape) in
-            emitters.lamps().iter().map(lamp).chain(cells.iter().map(cell))
-        {
-            let radius = radius as f32;
-            sources.push(Source { center: center.as_vec3(), radius, luminance, shape, chain: None });
-            for chain in chains.chains().iter().take(MOST_SOURCES / (emitters.lamps().len() + cells.len())) {
+        for chain in chains.chains().iter().take(MOST_IMAGES / found.len().max(1)) {
+            let Some((plane, center, radius)) = chains.first_mirror(chain) else { continue };
+            let over = Some(Mirrors { chain, plane, center: center.as_vec3(), radius: radius as f32 });
+            for &(center, radius, luminance, shape) in &found {
                 chains.targets(chain, center, &mut targets);
-                let luminance = luminance * chain.strength();
-                sources.push(Source { center: targets[0], radius, luminance, shape, chain: Some(chain) });
+                let (radius, luminance) = (radius as f32, luminance * chain.strength());
+                sources.images.push(Source { center: targets[0], radius, luminance, shape, over });
             }
         }
-        sources.sort_by(|a, b| b.luminance.total_cmp(&a.luminance));
-        Self { chains, sources }
+        for list in [&mut sources.straight, &mut sources.images] {
+            list.sort_by(|a, b| b.luminance.total_cmp(&a.luminance));
+        }
+        sources
     }
 
     /// Whether there are any, and what may throw rays to them.
     pub(crate) fn are_thrown(&self) -> bool {
-        !self.sources.is_empty()
+        !self.straight.is_empty()
+    }
+
+    fn by_index(&self, index: usize) -> &Source<'a> {
+        self.straight.get(index).unwrap_or_else(|| &self.images[index - self.straight.len()])
     }
 
     /// Where a source passes between centres that did not all meet it, and what it sends there: of the pixels from index `first` on in a picture
-    /// `width` pixels wide, `shot` through its centres, whose legs are those of `legs`.
-    pub(crate) fn between<L: Kept>(
+    /// `width` pixels wide, whose legs are those of `legs`.
+    pub(crate) fn between(
         &self,
-        shot: &[Sample<L>],
         legs: &[Option<Box<Legs>>],
         first: usize,
         width: usize,
+        progress: &dyn Progress,
     ) -> Vec<Missed> {
         let known = |leg: &Leg| leg.strength > 0.0;
         let bundles = legs.iter().flatten().flat_map(|legs| &legs.0).filter(|leg| known(leg)).count();
-        let most = (MOST_PAIRS / bundles.max(1)).max(1).min(self.sources.len());
-        let sources = &self.sources[..most];
-        if bundles == 0 || sources.is_empty() {
+        if bundles == 0 {
             return Vec::new();
         }
+        let most = (MOST_PAIRS / bundles).max(1);
+        let lists = [(&self.straight, 0), (&self.images, self.straight.len())]
+            .map(|(list, before)| (&list[..most.min(list.len())], before));
         let below = legs.len().saturating_sub(width + 1);
         (0..below)
             .into_par_iter()
             .with_min_len(1024)
-            .filter_map(|index| {
-                let own = legs[index].as_ref()?;
+            .flat_map_iter(|index| {
                 // The last of a row has no neighbours on its right.
-                if (first + index) % width + 1 == width {
-                    return None;
-                }
+                let is_last = (first + index) % width + 1 == width;
+                let four = [0, 1, width + 1, width].map(|step| legs[index + step].as_deref());
+                let four = if is_last || progress.is_cancelled() { [None; 4] } else { four };
                 let pixels = [0, 1, width + 1, width].map(|step| first + index + step);
-                let [_, right, across, below] = pixels.map(|pixel| legs[pixel - first].as_ref());
-                let (right, across, below) = (right?, across?, below?);
-                let met = pixels.map(|pixel| shot[pixel].light.emission());
-                let least = met.into_iter().fold(f32::INFINITY, f32::min);
-                own.0.iter().filter(|leg| known(leg)).find_map(|leg| {
-                    let way = leg.way;
-                    let bundle = Bundle::new([*leg, *right.by(way)?, *across.by(way)?, *below.by(way)?])?;
-                    let (source, luminance) = (sources.iter().enumerate())
-                        .map(|(index, source)| (index, source.luminance * bundle.strength))
-                        .take_while(|(_, sent)| least < MET * sent)
-                        .find(|(index, _)| bundle.holds(&sources[*index], self.chains))?;
-                    Some(Missed { pixels, luminance, source, way })
+                four[0].into_iter().flat_map(|legs| &legs.0).filter(|leg| known(leg)).filter_map(move |leg| {
+                    let [_, right, across, below] = four.map(|legs| legs?.by(leg.way));
+                    let bundle = Bundle::new([*leg, *right?, *across?, *below?])?;
+                    let least = bundle.legs.iter().map(|leg| leg.emission).fold(f32::INFINITY, f32::min);
+                    let among = |(list, before): (&[Source], usize)| {
+                        list.iter()
+                            .map(|source| source.luminance * bundle.strength)
+                            .enumerate()
+                            .take_while(|(_, sent)| least < MET * sent)
+                            .find(|(index, _)| bundle.holds(&list[*index], self.chains))
+                            .map(|(index, sent)| (before + index, sent))
+                    };
+                    let (source, luminance) = match lists.map(among) {
+                        [Some(a), Some(b)] if b.1 > a.1 => b,
+                        [a, b] => a.or(b)?,
+                    };
+                    Some(Missed { pixels, luminance, source, way: leg.way })
                 })
             })
             .collect()
@@ -220,7 +258,7 @@ impl<'a> Sources<'a> {
         width: usize,
         mut shoot: impl FnMut(DVec2) -> Legs,
     ) -> Option<Vec<DVec2>> {
-        let source = &self.sources[missed.source];
+        let source = self.by_index(missed.source);
         let first = DVec2::new((missed.pixels[0] % width) as f64, (missed.pixels[0] / width) as f64);
         let mut middle = first + 1.0;
         let (mut outline, mut area) = (Vec::new(), 0.0);
@@ -234,6 +272,9 @@ impl<'a> Sources<'a> {
             let seen: Vec<DVec2> = crossing.in_square()?.into_iter().map(|p| corner + p * side).collect();
             let near = within(&widened(&seen, MARGIN), first, 2.0);
             (middle, area) = (mean(&near)?, signed_area(&near).abs());
+            if area > LARGE {
+                return None;
+            }
             let extent = near.iter().map(|p| p.distance(middle)).fold(0.0, f64::max);
             let margin = MARGIN + side * crossing.bent()? + BEND * extent * extent;
             outline = within(&widened(&seen, margin), first, 2.0);
@@ -276,15 +317,27 @@ impl Bundle {
         if (to - self.direction * along).length() > source.radius + SLACK * reach {
             return false;
         }
-        if let Some(chain) = source.chain {
-            let slack = self.spread + source.radius / to.length().max(f32::MIN_POSITIVE);
-            let (origin, image) = (self.origin.as_dvec3(), source.center.as_dvec3());
-            if !chains.may_meet(chain, origin, image, self.shift.into(), slack.into()) {
+        if let Some(Mirrors { plane, center, radius, .. }) = source.over {
+            // Where the axis to the image meets the mirror.
+            let normal = plane.normal.as_vec3();
+            let share = (plane.offset as f32 - normal.dot(self.origin)) / normal.dot(to);
+            let is_between = (0.0..=1.0).contains(&share);
+            let far = share * (self.spread * to.length() + source.radius);
+            if !is_between || (self.origin + to * share).distance(center) > radius + self.shift + far {
                 return false;
             }
         }
         let lines = Lines(self.legs.map(|leg| leg.line()));
-        lines.cross(source, chains).is_some_and(|crossing| crossing.overlaps())
+        let is_hidden = |distances: [f64; 4]| {
+            let mut legs = self.legs.iter().zip(distances);
+            legs.all(|(leg, distance)| f64::from(leg.length) < HIDDEN * distance)
+        };
+        let to_mirror = |mirrors: Mirrors| lines.distances(mirrors.plane.normal, mirrors.plane.offset);
+        if source.over.is_some_and(|mirrors| is_hidden(to_mirror(mirrors))) {
+            return false;
+        }
+        let Some(crossing) = lines.cross(source, chains) else { return false };
+        !(source.over.is_none() && is_hidden(crossing.distances)) && crossing.overlaps()
     }
 }
 
@@ -297,9 +350,9 @@ const CORNERS: [DVec2; 4] = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
 impl Lines {
     /// Where they cross the plane of a source that is turned to them, or over the mirrors of its image.
     fn cross(mut self, source: &Source, chains: &ImageChains) -> Option<Crossing> {
-        if let Some(chain) = source.chain {
+        if let Some(mirrors) = source.over {
             for (origin, direction) in &mut self.0 {
-                let image = chains.unfold(chain, *origin, *direction, *direction)?;
+                let image = chains.unfold(mirrors.chain, *origin, *direction, *direction)?;
                 (*origin, *direction) = (image.position, image.normal);
             }
         }
@@ -322,21 +375,28 @@ impl Lines {
     fn cross_plane(&self, polygon: &[DVec3], normal: DVec3) -> Option<Crossing> {
         let [u, v] = [normal.any_orthonormal_vector(), normal.cross(normal.any_orthonormal_vector())];
         let flat = |p: DVec3| DVec2::new(u.dot(p - polygon[0]), v.dot(p - polygon[0]));
+        let distances = self.distances(normal, normal.dot(polygon[0]));
+        if !distances.iter().all(|&distance| distance > 0.0 && distance.is_finite()) {
+            return None;
+        }
         let mut quad = [DVec2::ZERO; 4];
-        for (corner, (origin, direction)) in quad.iter_mut().zip(self.0) {
-            let distance = normal.dot(polygon[0] - origin) / normal.dot(direction);
-            if !(distance > 0.0 && distance.is_finite()) {
-                return None;
-            }
+        for ((corner, (origin, direction)), distance) in quad.iter_mut().zip(self.0).zip(distances) {
             *corner = flat(origin + direction * distance);
         }
-        Some(Crossing { quad, polygon: polygon.iter().map(|&p| flat(p)).collect() })
+        Some(Crossing { quad, distances, polygon: polygon.iter().map(|&p| flat(p)).collect() })
+    }
+
+    /// How far it is along each of them to the plane n·x = offset, metres.
+    fn distances(&self, normal: DVec3, offset: f64) -> [f64; 4] {
+        self.0.map(|(origin, direction)| (offset - normal.dot(origin)) / normal.dot(direction))
     }
 }
 
 /// Where four legs cross the plane of a source, and its convex outline there.
 struct Crossing {
     quad: [DVec2; 4],
+    /// How far along the legs, metres.
+    distances: [f64; 4],
     polygon: Vec<DVec2>,
 }
 
@@ -366,7 +426,7 @@ impl Crossing {
     }
 }
 
-/// Moves the edges of a convex polygon outwards, sharp corners by twice as much.
+/// Moves the edges of a convex polygon outwards. Sharp corners are cut off as far from where they were.
 fn widened(polygon: &[DVec2], margin: f64) -> Vec<DVec2> {
     let count = polygon.len();
     let turn = signed_area(polygon).signum();
@@ -374,9 +434,17 @@ fn widened(polygon: &[DVec2], margin: f64) -> Vec<DVec2> {
     let corner = |k: usize| {
         let [before, own, after] = [k + count - 1, k, k + 1].map(|k| polygon[k % count]);
         let [a, b] = [out(before, own), out(own, after)];
-        own + (a + b) * (margin / (1.0 + a.dot(b)).max(0.5))
+        if 1.0 + a.dot(b) > 0.5 {
+            let moved = own + (a + b) * (margin / (1.0 + a.dot(b)));
+            return [moved; 2];
+        }
+        let ahead =
+            ((own - before).normalize_or_zero() + (own - after).normalize_or_zero()).normalize_or_zero();
+        [a, b].map(|out| own + (out + ahead) * margin)
     };
-    (0..count).map(corner).collect()
+    let mut wider: Vec<DVec2> = (0..count).flat_map(corner).collect();
+    wider.dedup();
+    wider
 }
 
 /// The part of a convex polygon in a square.
@@ -413,6 +481,8 @@ fn is_apart(polygon: &[DVec2], others: &[DVec2]) -> bool {
 #[cfg(test)]
 mod tests {
     use catoptric_trace::Event;
+
+    use crate::outlines::edges;
 
     use super::*;
 
@@ -458,19 +528,22 @@ mod tests {
 
     #[test]
     fn the_strongest_legs_are_kept_and_found_by_their_ways() {
-        let strengths = [0.04, 0.9, 0.02, 0.03, 0.01, 0.05, 0.5, 0.6];
-        let ways: Vec<Way> =
-            (0..strengths.len()).map(|branch| Way::default().through(branch, Event::Curved)).collect();
+        let strengths = [0.04, 0.9, 0.02, 0.03, 0.01, 0.05, 0.5, 0.6, 0.7, 0.8];
+        // One event more each.
+        let next = |way: &Way| Some(way.through(Event::Curved, false));
+        let ways: Vec<Way> = std::iter::successors(Some(Way::default()), next).skip(1).take(10).collect();
         let mut legs = Legs::default();
         assert!(ways.iter().all(|way| legs.by(*way).is_none()));
         assert!(!legs.any());
         for (&way, strength) in ways.iter().zip(strengths) {
-            legs.note(Vec3::ZERO, Vec3::X, strength, way);
+            legs.note(Leg { strength, way, ..Leg::default() });
         }
+        assert!(legs.any());
         for (&way, strength) in ways.iter().zip(strengths) {
             let kept = (strength > 0.02).then_some(strength);
             assert_eq!(legs.by(way).map(|leg| leg.strength), kept);
         }
+        assert_ne!(Way::default().through(Event::Curved, false), Way::default().through(Event::Curved, true));
     }
 
     #[test]
@@ -488,6 +561,21 @@ mod tests {
         let flat = legs(0.2).0.map(|(origin, direction)| (origin.with_z(0.0), direction.with_z(0.0)));
         let crossing = Lines(flat).cross_plane(&square, DVec3::NEG_Y).expect("they cross it");
         assert!(crossing.in_square().is_none());
+    }
+
+    #[test]
+    fn slivers_are_wider_at_their_tips_too() {
+        let at = DVec2::new;
+        let sliver = [at(0.0, 0.0), at(0.5, 0.01), at(1.0, 0.0), at(0.5, -0.01)];
+        let wider = widened(&sliver, 0.1);
+        assert!(signed_area(&wider) * signed_area(&sliver) > 0.0);
+        let distance = |p: DVec2| {
+            let turn = signed_area(&wider).signum();
+            let height = |(a, b): (DVec2, DVec2)| turn * (b - a).normalize_or_zero().perp_dot(p - a);
+            edges(&wider).map(height).fold(f64::INFINITY, f64::min)
+        };
+        // Half of it at least where corners are cut off.
+        assert!(sliver.iter().all(|&p| distance(p) > 0.05), "{wider:?}");
     }
 
     #[test]

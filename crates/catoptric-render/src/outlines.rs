@@ -38,6 +38,8 @@ const FAR: f64 = 1e4;
 pub(crate) struct Outlines {
     /// By index, with what of it lies inside the one outline that crosses it; none where there are several.
     crossed: BTreeMap<usize, Option<Cut>>,
+    /// By index, how pixels may be cut by what is about there.
+    guessed: BTreeMap<usize, Cut>,
     /// Those that something thinner than a pixel crosses.
     thin: Vec<Thin>,
     /// Pixels crossed so far, again and again.
@@ -128,22 +130,22 @@ impl Outlines {
         }
     }
 
-    /// Cuts a pixel of which nothing else is known by a convex outline of what is about there, in pixels of a picture so wide.
+    /// Cuts a pixel by a convex outline of what is about there, in pixels of a picture so wide, if nothing has before.
     pub(crate) fn guess(&mut self, index: usize, outline: &[DVec2], width: usize) {
         if outline.len() < 3 {
             return;
         }
-        if let Entry::Vacant(entry) = self.crossed.entry(index) {
+        if let Entry::Vacant(entry) = self.guessed.entry(index) {
             let corner = DVec2::new((index % width) as f64, (index / width) as f64);
             if let Some(cut) = Cut::new(outline, corner) {
-                entry.insert(Some(Cut { is_exact: false, ..cut }));
+                entry.insert(Cut { is_exact: false, ..cut });
             }
         }
     }
 
-    /// How a pixel is cut.
-    pub(crate) fn cut(&self, index: usize) -> Option<&Cut> {
-        self.crossed.get(&index)?.as_ref()
+    /// How a pixel is cut, and how it may be if that shows no lamp.
+    pub(crate) fn cuts(&self, index: usize) -> [Option<&Cut>; 2] {
+        [self.crossed.get(&index).and_then(Option::as_ref), self.guessed.get(&index)]
     }
 
     /// Pixels that are crossed by what all centres may miss.
@@ -281,7 +283,7 @@ fn push_fan(triangles: &mut Vec<[DVec2; 3]>, polygon: &[DVec2]) {
 }
 
 /// The edges of a polygon, from corner to corner.
-fn edges(polygon: &[DVec2]) -> impl Iterator<Item = (DVec2, DVec2)> {
+pub(crate) fn edges(polygon: &[DVec2]) -> impl Iterator<Item = (DVec2, DVec2)> {
     polygon.iter().copied().zip(polygon.iter().copied().cycle().skip(1))
 }
 

@@ -11,9 +11,9 @@ use catoptric_scene::{Rgb, Scene};
 use catoptric_solution::{Solution, Term};
 use catoptric_trace::sequence::Key;
 use catoptric_trace::walk::split::{self, Seen, Sight, SplitParams};
-use catoptric_trace::{Hit, MediumStack, Ray};
+use catoptric_trace::{Event, Hit, MediumStack, Ray};
 
-use crate::bundles::Legs;
+use crate::bundles::{Leg, Legs};
 use crate::direct::{SourceLight, Wanted};
 use crate::layers::{Kept, LightLayer};
 use crate::lines::{self, Footprint};
@@ -209,7 +209,15 @@ impl Eye<'_> {
             |sight| match sight {
                 Sight::Sky { origin, direction, throughput, events, way } => {
                     if let Some(legs) = scratch.legs.as_mut().filter(|_| way.bends()) {
-                        legs.note(origin, direction, throughput.dot(LUMINANCE), way);
+                        let strength = throughput.dot(LUMINANCE);
+                        legs.note(Leg {
+                            origin,
+                            direction,
+                            length: f32::INFINITY,
+                            strength,
+                            emission: 0.0,
+                            way,
+                        });
                     }
                     if throughput.max_element() > FAINT {
                         trail = step(trail, 0, events);
@@ -233,13 +241,19 @@ impl Eye<'_> {
                             rim = step(rim, facet, seen.events);
                         }
                     }
-                    // What ends inside of glass bends once more before it meets a source.
-                    let is_inside =
-                        || seen.media != MediumStack::AIR && scene.material_of(seen.hit.triangle).is_solid();
-                    let is_noted = || seen.way.bends() && !is_inside();
-                    if let Some(legs) = scratch.legs.as_mut().filter(|_| is_noted()) {
-                        let origin = seen.position - seen.direction * seen.hit.t;
-                        legs.note(origin, seen.direction, seen.throughput.dot(LUMINANCE), seen.way);
+                    // Outlines over planar mirrors alone are known, and what a pane or a hole lets pass goes on.
+                    let ends = || seen.interaction.branches().iter().all(|b| b.event != Event::Undeviated);
+                    if let Some(legs) = scratch.legs.as_mut().filter(|_| seen.way.bends() && ends()) {
+                        let ior = tracer.media().ior(seen.media.current());
+                        let weight = seen.throughput / (ior * ior);
+                        legs.note(Leg {
+                            origin: seen.position - seen.direction * seen.hit.t,
+                            direction: seen.direction,
+                            length: seen.hit.t,
+                            strength: weight.dot(LUMINANCE),
+                            emission: (weight * seen.interaction.emission.0).dot(LUMINANCE),
+                            way: seen.way,
+                        });
                     }
                     self.see(&seen, &mut light, &mut shadows, &mut scratch.light);
                     if let Some(footprint) = footprint {

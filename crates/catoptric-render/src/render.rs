@@ -204,7 +204,8 @@ fn render_keeping<L: Kept>(
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
-        missed.extend(sources.between(&pixels, &legs, pixels.len() - legs.len(), width));
+        missed.extend(sources.between(&legs, pixels.len() - legs.len(), width, progress));
+        missed.truncate(MOST_MISSED);
         legs.drain(..legs.len().saturating_sub(width + 1));
     }
 
@@ -265,7 +266,7 @@ fn render_keeping<L: Kept>(
     let resample = |at: (usize, usize), fresh: Range<u32>, pixel: &mut Sample<L>, scratch: &mut Scratch| {
         let index = at.1 * width + at.0;
         let rays = shadow_rays(params, fresh.end).filter(|_| penumbrae.read[index] < 0.5);
-        resample(&eye, camera, params, (outlines.cut(index), exposure), rays, at, fresh, pixel, scratch);
+        resample(&eye, camera, params, (outlines.cuts(index), exposure), rays, at, fresh, pixel, scratch);
     };
     for_pixels(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
         Need::Nothing | Need::Shadows => {}
@@ -333,6 +334,8 @@ fn render_keeping<L: Kept>(
     Ok(Rendered { image: image(tracer.scene(), &pixels, params), report })
 }
 
+/// Places between centres where sources are looked for more closely, at most: some hundred megabytes.
+const MOST_MISSED: usize = 1 << 20;
 /// Child of a pixel's key for the rays that look where a source is.
 const PLACES: u32 = 2;
 

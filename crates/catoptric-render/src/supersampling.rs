@@ -45,7 +45,7 @@ pub(crate) fn resample<L: Kept>(
     eye: &Eye,
     camera: &Camera,
     params: &RenderParams,
-    (cut, exposure): (Option<&Cut>, f32),
+    (cuts, exposure): ([Option<&Cut>; 2], f32),
     rays: Option<Samples>,
     at: (usize, usize),
     fresh: Range<u32>,
@@ -58,17 +58,19 @@ pub(crate) fn resample<L: Kept>(
         pixel.centre = shown(pixel.light.beauty(), exposure);
         pixel.light.clear();
         (pixel.lines, pixel.squares) = (0.0, 0.0);
-        // Something else may be before the lamp.
-        let shows = |cut: &&Cut| {
-            let Some(place) = cut.inside() else { return true };
-            let sample = (key.child(INSIDE), 0);
-            let Sample::<L> { light, .. } =
-                shoot(eye, camera, params, at, (place.x, place.y), None, sample, scratch);
-            light.emission() > 0.0
-        };
-        pixel.sides = cut.filter(shows).map(|_| [0.0; 2]);
     }
-    let cut = cut.filter(|_| pixel.sides.is_some());
+    // Something else may be before the lamp.
+    let shows = |cut: &&Cut| {
+        let Some(place) = cut.inside() else { return true };
+        let sample = (key.child(INSIDE), 0);
+        let Sample::<L> { light, .. } =
+            shoot(eye, camera, params, at, (place.x, place.y), None, sample, scratch);
+        light.emission() > 0.0
+    };
+    let cut = cuts.into_iter().flatten().find(shows);
+    if fresh.start == 0 {
+        pixel.sides = cut.map(|_| [0.0; 2]);
+    }
     pixel.light.scale(known);
     pixel.lines *= known;
     pixel.samples = fresh.end;

@@ -237,10 +237,12 @@ fn describe(image: &mut Image, solution: &Solution, view: &View, args: &RenderAr
         attribute(format!("solve.{name}"), value.clone());
     }
     for (name, value) in pass_one::settings(&args.transport) {
-        if name != "plain" && name != "version" {
+        if name != "plain" && name != "version" && name != "max_depth" {
             attribute(format!("render.{name}"), value);
         }
     }
+    let depth = params(args, solution, view).walk.max_depth;
+    attribute("render.max_depth".to_owned(), depth.to_string());
     let direct = match args.direct {
         Direct::Auto => None,
         Direct::Vertices => Some("vertices"),

@@ -179,6 +179,22 @@ fn mirrors_light_the_floor_and_with_plain_they_do_not() {
     }
 }
 
+/// … as it was, not as it is by default.
+#[test]
+fn an_exr_says_how_deep_the_eye_looked() {
+    let bench = Bench::new();
+    for (options, depth) in [
+        (&["--quality", "draft"][..], "1000"),
+        (&["--quality", "draft", "--max-depth", "7"], "7"),
+        (&["--quality", "high"], "4000"),
+    ] {
+        let run = bench.run(&[&["render", "scene.gltf", "-o", "deep.exr", "--size", "8"], options].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        let image = Image::read(&bench.path("deep.exr"), &ReadLimits::default()).unwrap();
+        assert_eq!(image.attributes["render.max_depth"], depth);
+    }
+}
+
 #[test]
 fn the_mesh_is_drawn_over_a_picture_and_is_a_layer_of_an_exr() {
     let bench = Bench::new();

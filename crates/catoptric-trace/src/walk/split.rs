@@ -51,7 +51,7 @@ pub struct Seen<'a> {
     pub throughput: Rgb,
     /// Events on the way.
     pub events: u32,
-    /// Which branches it took at them: the same for paths through neighbouring pixels that differ in nothing else.
+    /// What they were: the same for paths through neighbouring pixels that meet the same things.
     pub way: Way,
     /// Media at the end.
     pub media: MediumStack,
@@ -74,29 +74,33 @@ pub enum Sight<'a> {
         throughput: Rgb,
         /// Events on the way.
         events: u32,
-        /// Which branches it took at them.
+        /// What they were.
         way: Way,
     },
 }
 
-/// Which branches a path took, event by event: in base four, so that a dozen are told apart, and of longer ways most.
+/// What happened to a path, event by event: in base four, so that a dozen are told apart, and of longer ways most.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Way {
-    branches: u32,
+    events: u32,
     bends: bool,
 }
 
 impl Way {
-    /// … and this branch of an event at its end.
+    /// … and this event at its end; `into` another medium or not.
     #[must_use]
-    pub fn through(self, branch: usize, event: Event) -> Self {
-        Self {
-            branches: self.branches.wrapping_mul(4).wrapping_add(1 + branch as u32),
-            bends: self.bends || !matches!(event, Event::Undeviated | Event::Planar(_)),
-        }
+    pub fn through(self, event: Event, into: bool) -> Self {
+        let kind = match event {
+            Event::Undeviated => 1,
+            Event::Enters(_) | Event::Leaves(_) => 2,
+            Event::Curved if into => 2,
+            Event::Planar(_) | Event::Facet(_) | Event::Curved => 3,
+        };
+        let bends = self.bends || !matches!(event, Event::Undeviated | Event::Planar(_));
+        Self { events: self.events.wrapping_mul(4).wrapping_add(kind), bends }
     }
 
-    /// Whether anything but large planar mirrors had a part in it.
+    /// Whether anything had a part in it but large planar mirrors, panes and alpha.
     pub fn bends(self) -> bool {
         self.bends
     }
@@ -257,7 +261,7 @@ fn follow(
             let before = Open { events: path.events + 1, ..path };
             let origin = tracer.departure(&hit, position);
             let mut goes_on = false;
-            for (index, branch) in interaction.branches().iter().enumerate() {
+            for branch in interaction.branches() {
                 let mut throughput = before.throughput * branch.throughput;
                 let strength = throughput.max_element();
                 let mut drawn = before.drawn;
@@ -279,7 +283,7 @@ fn follow(
                 }
                 goes_on = true;
                 let ray = Ray { origin, direction: branch.direction, from };
-                let way = before.way.through(index, branch.event);
+                let way = before.way.through(branch.event, branch.media != before.media);
                 path = Open { ray, media: branch.media, throughput, way, drawn, ..before };
             }
             goes_on
