@@ -46,8 +46,6 @@ pub struct Interaction {
     pub emission: Radiance,
     /// Radiance that only the eye sees (`KHR_materials_unlit`): it lights nothing.
     pub shown: Radiance,
-    /// Share that is absorbed because a reflected or refracted direction lies below the geometric surface.
-    pub below: Rgb,
     branches: [Branch; 3],
     count: usize,
 }
@@ -206,17 +204,19 @@ impl Tracer<'_> {
     pub fn interact(&self, direction: Vec3, hit: &Hit, media: MediumStack) -> Interaction {
         let side = if hit.back { Side::Back } else { Side::Front };
         let normal = side.orient(self.scene().shading_normal(hit.triangle, hit.at));
-        self.interact_about(normal, direction, hit, media)
+        self.interact_about(normal, direction, hit, media, false)
     }
 
     /// The same as the eye sees it: normal maps bend what is reflected and refracted. Where they would send a reflection
-    /// below the surface it grazes the surface, since a map has no shape that could hide it.
-    pub fn interact_as_seen(&self, direction: Vec3, hit: &Hit, media: MediumStack) -> Interaction {
+    /// below the surface it grazes the surface, since a map has no shape that could hide it. Of what normals that are smooth over an edge reflect
+    /// totally in a body, `all` is kept, or nothing.
+    pub fn interact_as_seen(&self, direction: Vec3, hit: &Hit, media: MediumStack, all: bool) -> Interaction {
         let scene = self.scene();
-        let Some(map) = scene.material_of(hit.triangle).outer_normal_texture() else {
-            return self.interact(direction, hit, media);
-        };
         let side = if hit.back { Side::Back } else { Side::Front };
+        let Some(map) = scene.material_of(hit.triangle).outer_normal_texture() else {
+            let normal = side.orient(scene.shading_normal(hit.triangle, hit.at));
+            return self.interact_about(normal, direction, hit, media, all);
+        };
         let geometric = side.orient(scene.geometric_normal(hit.triangle));
         let bent = side.orient(scene.bent_normal(hit.triangle, hit.at, Some(map)));
         let reflected = direction - bent * (2.0 * direction.dot(bent));
@@ -227,14 +227,48 @@ impl Tracer<'_> {
         } else {
             bent
         };
-        self.interact_about(normal, direction, hit, media)
+        self.interact_about(normal, direction, hit, media, all)
     }
 
-    /// The interaction about a unit normal on the side that was hit.
-    fn interact_about(&self, normal: Vec3, direction: Vec3, hit: &Hit, media: MediumStack) -> Interaction {
+    /// The interaction about a unit normal on the side that was hit. Where normals that are smooth over an edge would reflect below the surface or
+    /// refract back, the surface acts as flat as it is. What would be reflected totally then, inside, is absorbed if not `all` is wanted: such normals
+    /// are no shape, light in it may go round for good, and gains by Veach's factor at each turn.
+    fn interact_about(
+        &self,
+        normal: Vec3,
+        direction: Vec3,
+        hit: &Hit,
+        media: MediumStack,
+        all: bool,
+    ) -> Interaction {
+        let side = if hit.back { Side::Back } else { Side::Front };
+        let geometric = side.orient(self.scene().geometric_normal(hit.triangle));
+        let is_flat = normal == geometric;
+        let (interaction, is_possible) =
+            self.interact_with((normal, geometric), is_flat, direction, hit, media);
+        if is_possible || is_flat {
+            return interaction;
+        }
+        let mut flat = self.interact_with((geometric, geometric), false, direction, hit, media).0;
+        let is_total =
+            hit.back && media != MediumStack::AIR && flat.branches().iter().all(|b| b.media == media);
+        if is_total && !all {
+            flat.count = 0;
+        }
+        flat
+    }
+
+    /// The interaction about a unit normal, beside the geometric one, and whether its directions lie on the sides of the surface where they should.
+    fn interact_with(
+        &self,
+        (normal, geometric): (Vec3, Vec3),
+        is_flat: bool,
+        direction: Vec3,
+        hit: &Hit,
+        media: MediumStack,
+    ) -> (Interaction, bool) {
         let scene = self.scene();
         let side = if hit.back { Side::Back } else { Side::Front };
-        let geometric = side.orient(scene.geometric_normal(hit.triangle));
         let nothing = Branch { direction, throughput: Rgb::ZERO, event: Event::Undeviated, media };
         let mut result = Interaction {
             side,
@@ -245,7 +279,6 @@ impl Tracer<'_> {
             transmittance: Rgb::ZERO,
             emission: Radiance::ZERO,
             shown: Radiance::ZERO,
-            below: Rgb::ZERO,
             branches: [nothing; 3],
             count: 0,
         };
@@ -273,7 +306,7 @@ impl Tracer<'_> {
             }
             let throughput = Rgb::splat(straight_alpha);
             result.push(Branch { throughput, ..nothing });
-            return result;
+            return (result, true);
         }
 
         // The diffuse side.
@@ -342,39 +375,33 @@ impl Tracer<'_> {
         }
         let reflected = reflected * point.opacity;
 
-        // Directions below the geometric surface are absorbed (smooth normals near the silhouette).
+        let mut is_possible = true;
         if reflected.max_element() > 0.0 {
             let towards = (direction + normal * (2.0 * -direction.dot(normal))).normalize_or_zero();
-            if towards.dot(geometric) > 0.0 {
-                let event = if normal == geometric { self.reflection(hit.triangle) } else { Event::Curved };
-                result.push(Branch { direction: towards, throughput: reflected, event, media });
-            } else {
-                result.below += reflected;
-            }
+            let event = if is_flat { self.reflection(hit.triangle) } else { Event::Curved };
+            is_possible &= towards.dot(geometric) > 0.0;
+            result.push(Branch { direction: towards, throughput: reflected, event, media });
         }
         if let Some((towards, share, after)) = refracted {
-            let throughput = share * point.opacity;
-            if towards.dot(geometric) < 0.0 {
-                let event = match self.slab_of(hit.triangle) {
-                    Some(slab) if normal == geometric && !hit.back && media == MediumStack::AIR => {
-                        Event::Enters(slab)
-                    }
-                    Some(slab) if normal == geometric && hit.back && after == MediumStack::AIR => {
-                        Event::Leaves(slab)
-                    }
-                    _ => Event::Curved,
-                };
-                result.push(Branch { direction: towards, throughput, event, media: after });
-            } else {
-                result.below += throughput;
-            }
+            let event = match self.slab_of(hit.triangle) {
+                Some(slab) if is_flat && !hit.back && media == MediumStack::AIR => Event::Enters(slab),
+                Some(slab) if is_flat && hit.back && after == MediumStack::AIR => Event::Leaves(slab),
+                _ => Event::Curved,
+            };
+            is_possible &= towards.dot(geometric) < 0.0;
+            result.push(Branch {
+                direction: towards,
+                throughput: share * point.opacity,
+                event,
+                media: after,
+            });
         }
         result.push(Branch { direction, throughput: straight, event: Event::Undeviated, media });
         debug_assert!(
             result.passed_on().max_element() <= 1.0 + 1e-4,
             "a surface amplifies light: {result:?}"
         );
-        result
+        (result, is_possible)
     }
 
     /// Whether the back of a triangle is a surface of its own: doubleSided, thin panes and Lambertian transmission.
