@@ -193,3 +193,47 @@ fn where_more_is_in_the_way_than_can_be_cut_out_the_picture_is_not_grainy() {
     let mean = ratios.iter().sum::<f64>() / 8.0;
     assert!((mean - 1.0).abs() < 0.01, "{mean}: {ratios:?}");
 }
+
+/// A panel behind thirty bars, and a board close above the floor: its shadow's edge, along x, is a few pixels wide.
+fn blinds() -> Scene {
+    let mut parts = SceneParts::default();
+    let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+    let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::splat(20.0))));
+    parts.add_box("room", white, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), true);
+    parts.add_quad("lamp", lamp, Vec3::new(-0.3, 2.3, -1.3), Vec3::X * 0.6, Vec3::Z * 0.6);
+    for bar in 0..30_u8 {
+        let from = Vec3::new(-0.5, 2.2, 0.02 * f32::from(bar) - 1.295);
+        parts.add_quad("bar", white, from, Vec3::X, Vec3::Z * 0.01);
+    }
+    parts.add_quad("board", white, Vec3::new(-1.0, 0.05, -0.05), Vec3::X * 2.0, Vec3::Z * -1.0);
+    Scene::new(parts).expect("a valid scene")
+}
+
+/// Pixels at a shadow's edge are made of several samples. Each has a few of a pixel's shadow rays, but cuts out as much as the only sample of others:
+/// thirty bars and a board are few triangles.
+#[test]
+fn a_shadows_edge_is_as_smooth_as_the_penumbra_beside_it() {
+    let scene = blinds();
+    let solved = solve(&Tracer::new(&scene), &SolveParams::for_quality(Quality::Draft), &Silent);
+    let solution = solved.expect("not cancelled").solution;
+    let rays = ShadowRays::for_quality(Quality::Standard);
+    let pixels = floor(&scene, &solution, 0.4, DirectLight::Pixels(rays));
+    let rows: Vec<(f64, f64)> =
+        pixels.chunks(SIZE).map(|row| (row.iter().sum::<f64>() / SIZE as f64, grain(row))).collect();
+    let lit = rows.iter().map(|row| row.0).fold(0.0, f64::max);
+    // Below the board, whose own edge takes a row.
+    let edge: Vec<f64> = rows
+        .iter()
+        .skip_while(|(mean, _)| *mean > 0.9 * lit)
+        .skip(1)
+        .filter(|(mean, _)| (0.1..0.9).contains(&(mean / lit)))
+        .map(|(mean, grain)| grain * mean / lit)
+        .collect();
+    assert!(edge.len() > 2, "no row crosses the penumbra");
+    // 16 samples, one in each sixteenth of the pixel across the edge, where the light changes by all of it from one side of the
+    // pixel to the other at most: 1 / 16 / √12 / √16.
+    let allowed = 1.5_f64.sqrt() / 16.0 / 12.0_f64.sqrt() / 16.0_f64.sqrt();
+    for deviation in edge {
+        assert!(deviation < allowed, "{deviation} of {lit}, not {allowed}");
+    }
+}

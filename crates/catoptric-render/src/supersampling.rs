@@ -119,8 +119,8 @@ pub(crate) fn shadow_rays(params: &RenderParams, again: u32) -> Option<Samples> 
         DirectLight::Auto(rays) | DirectLight::Pixels(rays) => Some(match again {
             0 => Samples::exact(rays.first),
             1 => Samples::exact(rays.penumbra),
-            // Those of several samples do not share their strata. Their mean hides the noise of what is not cut out.
-            _ => Samples { least: LOOK, ..Samples::from((2 * rays.penumbra / again).max(1)) },
+            // Those of several samples do not share their strata: their mean hides noise, but less than one of cut-out shadows has.
+            _ => Samples { least: LOOK, ..Samples::exact((2 * rays.penumbra / again).max(1)) },
         }),
     }
 }
