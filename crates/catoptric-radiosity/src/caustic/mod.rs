@@ -50,8 +50,8 @@ impl CausticParams {
         let (max_rays, max_vertices, noise) = match quality {
             Quality::Sketch => (1 << 16, 2_000, 0.1),
             Quality::Draft => (1 << 18, 6_000, 0.06),
-            Quality::Standard => (1 << 21, 20_000, 0.036),
-            Quality::High => (1 << 22, 200_000, 0.025),
+            Quality::Standard => (1 << 21, 20_000, 0.03),
+            Quality::High => (1 << 22, 200_000, 0.02),
         };
         Self {
             min_rays: 1 << 14,
