@@ -39,7 +39,7 @@ pub mod solver;
 mod source_light;
 pub mod triangulate;
 
-pub use solve::{SolveError, SolveParams, SolveReport, Solved, solve};
+pub use solve::{MeshCount, SolveError, SolveParams, SolveReport, Solved, count_mesh, solve};
 
 /// Receivers in one parallel job at most. By itself rayon stops splitting after few halves, and a thread that is done waits
 /// for the long last piece of another.

@@ -230,15 +230,8 @@ fn is_dark(lights: &Lights) -> bool {
     lights.emitters().triangle_count() == 0 && scene.sky().is_none() && scene.lights().is_empty()
 }
 
-/// Solves the light of a scene.
-pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> Result<Solved, SolveError> {
-    let mut report = SolveReport::default();
-    let mut lights = Lights::new(tracer, params.light);
-    report.image_chains = lights.chains().chains().len();
-    report.emitters = lights.emitters().triangle_count();
-
-    // Cut the diffuse surfaces into triangles.
-    progress.begin("mesh", 1);
+/// The diffuse surfaces of a scene, cut into triangles.
+fn base_mesh(tracer: &Tracer, params: &SolveParams) -> (Draft, Lattice) {
     let base_triangles = lattice_budget(params.base_triangles, diffuse_triangles(tracer).count());
     let ((faces, lattice), obstacles) = rayon::join(
         || {
@@ -248,8 +241,37 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
         },
         || Obstacles::new(tracer),
     );
+    let draft = Draft::on(tracer, &obstacles, faces, &lattice, params.near.finest(lattice.spacing));
+    (draft, lattice)
+}
+
+/// What a scene is cut into before its light is known: patches, and vertices, of which light asks for more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MeshCount {
+    /// Patches of the coarse solve.
+    pub patches: usize,
+    /// Vertices.
+    pub vertices: usize,
+}
+
+/// Cuts a scene as [`solve`] begins with, and counts.
+pub fn count_mesh(tracer: &Tracer, params: &SolveParams) -> MeshCount {
+    let (draft, lattice) = base_mesh(tracer, params);
+    let patches = PatchMesh::new(tracer, &draft, lattice.spacing);
+    MeshCount { patches: patches.len(), vertices: draft.vertices.len() }
+}
+
+/// Solves the light of a scene.
+pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> Result<Solved, SolveError> {
+    let mut report = SolveReport::default();
+    let mut lights = Lights::new(tracer, params.light);
+    report.image_chains = lights.chains().chains().len();
+    report.emitters = lights.emitters().triangle_count();
+
+    // Cut the diffuse surfaces into triangles.
+    progress.begin("mesh", 1);
+    let (mut draft, lattice) = base_mesh(tracer, params);
     let spacing = lattice.spacing;
-    let mut draft = Draft::on(tracer, &obstacles, faces, &lattice, params.near.finest(spacing));
     let ((patches, base), ()) = rayon::join(
         || rayon::join(|| PatchMesh::new(tracer, &draft, spacing), || draft.display(tracer)),
         || {

@@ -162,7 +162,7 @@ impl Info {
             for estimate in &self.estimates {
                 writeln!(
                     out,
-                    "  {:<9} up to {} patches, {} rays, {} MiB, about {:.1} s on this machine",
+                    "  {:<9} {} patches, {} rays, {} MiB, about {:.1} s on this machine",
                     estimate.quality,
                     count(estimate.patches),
                     count(estimate.rays),
