@@ -151,13 +151,20 @@ pub(crate) fn shown(light: Rgb, exposure: f32) -> Rgb {
     (light / exposure + Rgb::splat(DARK)).map(libm::logf)
 }
 
-/// Mean luminance of a picture, more than zero.
+/// Mean luminance of a picture as a display shows it, more than zero: what is among the brightest twentieth of what is lit, such as lamps and
+/// windows in sight, is white, however bright. By the mean of all light a room beside a window would count as dark.
 pub(crate) fn mean_luminance<L: Kept>(pixels: &[Sample<L>]) -> f32 {
     let luminances: Vec<f32> =
         pixels.par_iter().with_min_len(1024).map(|p| p.light.beauty().dot(LUMINANCE)).collect();
-    let sum: f64 = luminances.into_iter().map(f64::from).sum();
+    let mut lit: Vec<f32> = luminances.iter().copied().filter(|&luminance| luminance > 0.0).collect();
+    let rank = (lit.len() as f32 * WHITE) as usize;
+    let white = if lit.is_empty() { 0.0 } else { *lit.select_nth_unstable_by(rank, f32::total_cmp).1 };
+    let sum: f64 = luminances.into_iter().map(|luminance| f64::from(luminance.min(white))).sum();
     ((sum / pixels.len().max(1) as f64) as f32).max(1e-30)
 }
+
+/// Share of lit pixels that are not white, by the exposure of previews.
+const WHITE: f32 = 0.95;
 
 #[cfg(test)]
 mod tests {
@@ -167,6 +174,27 @@ mod tests {
     /// Two pixels of the same brightness that met other things.
     fn beside(left: Sample<Beauty>, right: Sample<Beauty>) -> Vec<Need> {
         Compared::new(&[left, right], 2, 0.05, SAME * 0.05, 1.0).needs()
+    }
+
+    #[test]
+    fn a_window_in_sight_makes_no_room_dark() {
+        let of = |luminances: &[f32]| {
+            let pixel = |&luminance: &f32| {
+                let mut pixel: Sample<Beauty> = Sample::NOTHING;
+                pixel.light.add(LightLayer::Emission, false, Rgb::splat(luminance));
+                pixel
+            };
+            mean_luminance(&luminances.iter().map(pixel).collect::<Vec<_>>())
+        };
+        assert!((of(&[0.5; 100]) - 0.5).abs() < 1e-6);
+        // Four of a hundred are as white as a display is: as the brightest beside them.
+        let mut room = [0.5; 100];
+        room[10..14].fill(1000.0);
+        assert!((of(&room) - 0.5).abs() < 1e-6);
+        // What is black is not lit, but seen.
+        room[50..].fill(0.0);
+        assert!(of(&room) > 0.25);
+        assert!(of(&[0.0; 4]) > 0.0 && of(&[]) > 0.0);
     }
 
     #[test]

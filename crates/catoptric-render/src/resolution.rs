@@ -25,10 +25,11 @@ const MOST_BEND: f32 = 1.0;
 /// Beside what bends, the fit of pass one overshoots, by less: vertices there have this share of it.
 const BESIDE: f32 = 0.5;
 /// Bends times their widths, in pixels, up to which the mesh is fine enough, …
-const FINE: f32 = 1.0;
-/// … and from which on nothing is read from it. Between the two it is a little of both, so that no border is seen. (By measurement: from 0.7
-/// on, pictures of 256 pixels take up to a fifth longer and are not closer; a range from 0.5 to 1.5 leaves ragged edges half as ragged.)
-const COARSE: f32 = 1.2;
+const FINE: f32 = 0.5;
+/// … and from which on nothing is read from it. Between the two it is a little of both, so that no border is seen. (By measurement, against
+/// 1 and 1.2: no teeth at the edges of shadows, showcase closer by 3 % of FLIP and an eighth of the squared error; images take up to a third longer,
+/// that of ring_caustic 1.7 times as long.)
+const COARSE: f32 = 0.6;
 /// Branches of less throughput show nothing of it.
 const FAINT: f32 = 0.05;
 /// The terms that are evaluated.
