@@ -5,7 +5,7 @@
 
 use glam::Vec3;
 
-use catoptric_scene::Camera;
+use catoptric_scene::Film;
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_solution::{DisplayMesh, Located};
 use catoptric_trace::walk::split::Seen;
@@ -23,10 +23,10 @@ pub struct Footprint {
 }
 
 impl Footprint {
-    /// That of the pixel with this corner or centre, in pictures of so many columns and rows.
-    pub fn at(camera: &Camera, (x, y): (f32, f32), (width, height): (usize, usize)) -> Self {
-        let (origin, direction) = camera.ray(x, y, width, height);
-        let (beside, other) = camera.ray(x + 1.0, y, width, height);
+    /// That of the pixel with this corner or centre.
+    pub fn at(film: &Film, (x, y): (f32, f32)) -> Self {
+        let (origin, direction) = film.ray(x, y);
+        let (beside, other) = film.ray(x + 1.0, y);
         Self { width: origin.distance(beside), spread: direction.distance(other) }
     }
 }

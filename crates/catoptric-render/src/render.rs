@@ -152,12 +152,13 @@ fn render_keeping<L: Kept>(
     progress: &dyn Progress,
 ) -> Result<Rendered, Cancelled> {
     let (width, height) = (params.width, params.height);
+    let film = &camera.film(width, height);
     let (lights, resolution) = rayon::join(
         || Lights::new(tracer, params.light),
         || {
             matches!(params.direct, DirectLight::Auto(_)).then(|| {
                 let middle = (0.5 * width as f32, 0.5 * height as f32);
-                Resolution::of(solution, Footprint::at(camera, middle, (width, height)))
+                Resolution::of(solution, Footprint::at(film, middle))
             })
         },
     );
@@ -187,7 +188,7 @@ fn render_keeping<L: Kept>(
             }
             let key = Key::new(params.seed, Purpose::Pixel, index as u64);
             let at = (index % width, index / width);
-            shoot(&eye, camera, params, at, (0.5, 0.5), shadow_rays(params, 0), (key, 0), scratch)
+            shoot(&eye, film, params, at, (0.5, 0.5), shadow_rays(params, 0), (key, 0), scratch)
         };
         if sources.are_thrown() {
             pixels.par_extend(first.zip(&mut legs[above..]).map_init(
@@ -225,7 +226,7 @@ fn render_keeping<L: Kept>(
         }
         let of = (width, exposure);
         penumbrae.look(&mut pixels, of, &uncertain, params.direct, progress, |at, rays, scratch| {
-            shoot(&eye, camera, params, at, (0.5, 0.5), rays, (again(params, at), 0), scratch)
+            shoot(&eye, film, params, at, (0.5, 0.5), rays, (again(params, at), 0), scratch)
         })?;
         compared.update(&pixels, &uncertain, &mut needs);
     }
@@ -252,7 +253,7 @@ fn render_keeping<L: Kept>(
         sources.outline(missed, width, |place| {
             let (at, within) = (place.as_usizevec2(), place.fract().as_vec2());
             let (at, within) = ((at.x, at.y), (within.x, within.y));
-            shoot::<Beauty>(&eye, camera, params, at, within, None, (key, 0), scratch);
+            shoot::<Beauty>(&eye, film, params, at, within, None, (key, 0), scratch);
             scratch.legs.unwrap_or_default()
         })
     };
@@ -266,7 +267,7 @@ fn render_keeping<L: Kept>(
     let resample = |at: (usize, usize), fresh: Range<u32>, pixel: &mut Sample<L>, scratch: &mut Scratch| {
         let index = at.1 * width + at.0;
         let rays = shadow_rays(params, fresh.end).filter(|_| penumbrae.read[index] < 0.5);
-        resample(&eye, camera, params, (outlines.cuts(index), exposure), rays, at, fresh, pixel, scratch);
+        resample(&eye, film, params, (outlines.cuts(index), exposure), rays, at, fresh, pixel, scratch);
     };
     for_pixels(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
         Need::Nothing | Need::Shadows => {}

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use catoptric_light::irradiance::{LOOK, Samples};
-use catoptric_scene::Camera;
+use catoptric_scene::Film;
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_trace::sequence::{Key, Purpose};
 
@@ -25,7 +25,7 @@ const INSIDE: u32 = 1 << 17;
 /// What is seen through a place of a pixel, (½, ½) in the middle of it.
 pub(crate) fn shoot<L: Kept>(
     eye: &Eye,
-    camera: &Camera,
+    film: &Film,
     params: &RenderParams,
     (x, y): (usize, usize),
     (dx, dy): (f32, f32),
@@ -33,17 +33,17 @@ pub(crate) fn shoot<L: Kept>(
     sample: (Key, u32),
     scratch: &mut Scratch,
 ) -> Sample<L> {
-    let (origin, direction) = camera.ray(x as f32 + dx, y as f32 + dy, params.width, params.height);
+    let (origin, direction) = film.ray(x as f32 + dx, y as f32 + dy);
     let place = (x as f32 + dx, y as f32 + dy);
-    let footprint = params.mesh.then(|| Footprint::at(camera, place, (params.width, params.height)));
-    eye.sample(origin + direction * camera.near, direction, footprint, shadow_rays, sample, scratch)
+    let footprint = params.mesh.then(|| Footprint::at(film, place));
+    eye.sample(origin + direction * film.near, direction, footprint, shadow_rays, sample, scratch)
 }
 
 /// Replaces the light of a pixel by the mean of samples on a grid of its own (box filter), or adds the `fresh` ones among
 /// them to the mean of those before. Where the outline of a lamp that is seen cuts the pixel, half of them are inside.
 pub(crate) fn resample<L: Kept>(
     eye: &Eye,
-    camera: &Camera,
+    film: &Film,
     params: &RenderParams,
     (cuts, exposure): ([Option<&Cut>; 2], f32),
     rays: Option<Samples>,
@@ -64,7 +64,7 @@ pub(crate) fn resample<L: Kept>(
         let Some(place) = cut.inside() else { return true };
         let sample = (key.child(INSIDE), 0);
         let Sample::<L> { light, .. } =
-            shoot(eye, camera, params, at, (place.x, place.y), None, sample, scratch);
+            shoot(eye, film, params, at, (place.x, place.y), None, sample, scratch);
         light.emission() > 0.0
     };
     let cut = cuts.into_iter().flatten().find(shows);
@@ -79,7 +79,7 @@ pub(crate) fn resample<L: Kept>(
         let point = key.point2(index);
         let (offset, side, weight) = cut.map_or((point, 0, 1.0), |cut| cut.place(point));
         let mut sample: Sample<L> =
-            shoot(eye, camera, params, at, (offset.x, offset.y), rays, (key, index), scratch);
+            shoot(eye, film, params, at, (offset.x, offset.y), rays, (key, index), scratch);
         if sample.trail != pixel.trail {
             let difference = (shown(sample.light.beauty(), exposure) - pixel.centre).abs().max_element();
             if difference > params.contrast {

@@ -34,25 +34,55 @@ pub struct Camera {
     pub near: f32,
 }
 
-impl Camera {
-    /// Ray through the continuous pixel coordinates (x right, y down) of a `width`×`height` image:
-    /// origin and unit direction. Pixel (i, j) covers [i, i+1)×[j, j+1).
-    pub fn ray(&self, x: f32, y: f32, width: usize, height: usize) -> (Vec3, Vec3) {
-        let ndc_x = 2.0 * x / width as f32 - 1.0;
-        let ndc_y = 1.0 - 2.0 * y / height as f32;
-        let aspect = width as f32 / height as f32;
-        let (origin, direction) = match self.projection {
-            Projection::Perspective { yfov } => {
-                let t = libm::tanf(0.5 * yfov);
-                (Vec3::ZERO, Vec3::new(aspect * t * ndc_x, t * ndc_y, -1.0))
-            }
-            Projection::Orthographic { xmag, ymag } => {
-                (Vec3::new(xmag * ndc_x, ymag * ndc_y, 0.0), Vec3::NEG_Z)
-            }
+/// Where the rays of an image go: a camera and a size, of which what all rays share is known.
+#[derive(Clone, Copy, Debug)]
+pub struct Film {
+    world_from_camera: Affine3A,
+    /// Half of its extent: a metre before the eye, or as it is; metres.
+    half: Vec2,
+    /// Pixels.
+    size: Vec2,
+    is_perspective: bool,
+    /// Near plane of the [`Camera`].
+    pub near: f32,
+}
+
+impl Film {
+    /// [`Camera::ray`] of this image.
+    #[inline]
+    pub fn ray(&self, x: f32, y: f32) -> (Vec3, Vec3) {
+        let ndc = Vec2::new(2.0 * x / self.size.x - 1.0, 1.0 - 2.0 * y / self.size.y);
+        let Vec2 { x: across, y: up } = self.half * ndc;
+        let (origin, direction) = if self.is_perspective {
+            (Vec3::ZERO, Vec3::new(across, up, -1.0))
+        } else {
+            (Vec3::new(across, up, 0.0), Vec3::NEG_Z)
         };
         let origin = self.world_from_camera.transform_point3(origin);
         let direction = self.world_from_camera.transform_vector3(direction);
         (origin, direction.normalize_or_zero())
+    }
+}
+
+impl Camera {
+    /// Ray through the continuous pixel coordinates (x right, y down) of a `width`×`height` image:
+    /// origin and unit direction. Pixel (i, j) covers [i, i+1)×[j, j+1).
+    pub fn ray(&self, x: f32, y: f32, width: usize, height: usize) -> (Vec3, Vec3) {
+        self.film(width, height).ray(x, y)
+    }
+
+    /// The image plane, divided into `width`×`height` pixels.
+    pub fn film(&self, width: usize, height: usize) -> Film {
+        let size = Vec2::new(width as f32, height as f32);
+        let half = match self.projection {
+            Projection::Perspective { yfov } => {
+                let t = libm::tanf(0.5 * yfov);
+                Vec2::new(size.x / size.y * t, t)
+            }
+            Projection::Orthographic { xmag, ymag } => Vec2::new(xmag, ymag),
+        };
+        let is_perspective = self.is_perspective();
+        Film { world_from_camera: self.world_from_camera, half, size, is_perspective, near: self.near }
     }
 
     /// Pixel coordinates of a point of the camera's own space, in front of it: the inverse of [`ray`](Self::ray).

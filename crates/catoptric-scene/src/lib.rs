@@ -19,7 +19,7 @@ pub mod side;
 pub mod texture;
 pub mod union;
 
-pub use camera::{Camera, Projection};
+pub use camera::{Camera, Film, Projection};
 pub use hash::SceneHash;
 pub use id::{MaterialId, SurfaceId, TextureId, TriangleId};
 pub use light::{PunctualKind, PunctualLight, Sky, SkyImage};
