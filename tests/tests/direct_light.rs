@@ -237,3 +237,34 @@ fn a_shadows_edge_is_as_smooth_as_the_penumbra_beside_it() {
         assert!(deviation < allowed, "{deviation} of {lit}, not {allowed}");
     }
 }
+
+/// A panel behind slats, of which a floor sees no more than the slit above the topmost.
+fn slit() -> Scene {
+    let mut parts = SceneParts::default();
+    let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+    let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::splat(20.0))));
+    parts.add_box("room", white, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), true);
+    parts.add_quad("lamp", lamp, Vec3::new(-1.0, 0.8, -1.0), Vec3::Y * 1.4, Vec3::Z * 2.0);
+    for slat in 0..30_u8 {
+        let from = Vec3::new(-0.98, 0.8 + 0.045 * f32::from(slat), -1.2);
+        parts.add_quad("slat", white, from, Vec3::new(0.04, 0.02, 0.0), Vec3::Z * 2.4);
+    }
+    Scene::new(parts).expect("a valid scene")
+}
+
+#[test]
+fn light_through_a_slit_is_found_everywhere() {
+    let scene = slit();
+    let quality = Quality::Standard;
+    for seed in 0..4 {
+        let params = SolveParams { seed, ..SolveParams::for_quality(quality) };
+        let solved = solve(&Tracer::new(&scene), &params, &Silent).expect("not cancelled");
+        let rays = ShadowRays::for_quality(quality);
+        let [stored, exact] = [DirectLight::Vertices, DirectLight::Pixels(rays)]
+            .map(|direct| floor(&scene, &solved.solution, 1.0, direct));
+        let ratio = stored.iter().sum::<f64>() / exact.iter().sum::<f64>();
+        let least = stored.iter().zip(&exact).map(|(a, b)| a / b).fold(f64::INFINITY, f64::min);
+        // What `standard` is off from references; and a fifth of the slit's light, which is a sixth of all there.
+        assert!((ratio - 1.0).abs() < 0.003 && least > 0.97, "seed {seed}: {ratio}, {least} somewhere");
+    }
+}
