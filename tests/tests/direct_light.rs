@@ -9,7 +9,9 @@ use catoptric_render::direct::{DirectLight, ShadowRays};
 use catoptric_render::layers::NAMES;
 use catoptric_render::{RenderParams, render};
 use catoptric_scene::gltf::{LoadOptions, load};
-use catoptric_scene::{Camera, Material, Projection, Radiance, Rgb, Scene, SceneParts, Silent, Sky};
+use catoptric_scene::{
+    Camera, Material, MaterialId, Projection, Radiance, Rgb, Scene, SceneParts, Silent, Sky,
+};
 use catoptric_solution::{Quality, Solution};
 use catoptric_trace::Tracer;
 use glam::{Affine3A, Quat, Vec3};
@@ -87,12 +89,18 @@ fn what_hemisphere_rays_own_is_read_from_the_vertices_always() {
     }
 }
 
-/// A post a centimetre thick in a room of 4 m, beside a lamp: its shadow is thinner than elements are.
-fn post() -> Scene {
+/// A room of 4 m, of a grey material, and that of a lamp of this radiance.
+fn room(radiance: f32) -> (SceneParts, MaterialId, MaterialId) {
     let mut parts = SceneParts::default();
     let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
-    let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::splat(50.0))));
+    let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::splat(radiance))));
     parts.add_box("room", white, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), true);
+    (parts, white, lamp)
+}
+
+/// A post a centimetre thick in a room, beside a lamp: its shadow is thinner than elements are.
+fn post() -> Scene {
+    let (mut parts, white, lamp) = room(50.0);
     parts.add_box("post", white, Vec3::new(0.0, 0.0, 0.0), Vec3::new(0.01, 0.4, 0.01), false);
     parts.add_quad("lamp", lamp, Vec3::new(-1.5, 1.2, 0.37), Vec3::Y * 0.1, Vec3::Z * 0.1);
     Scene::new(parts).expect("a valid scene")
@@ -142,10 +150,7 @@ fn a_shadow_finer_than_the_mesh_is_evaluated_close_up_and_read_from_afar() {
 
 /// Bulbs one behind the other, past the edge of a board of many pieces, none of which is a wall: more blocks each of them than can be cut out.
 fn bulbs() -> Scene {
-    let mut parts = SceneParts::default();
-    let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
-    let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::splat(50.0))));
-    parts.add_box("room", white, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), true);
+    let (mut parts, white, lamp) = room(50.0);
     for piece in 0..64_u8 {
         let from = Vec3::new(-0.02, 0.0, f32::from(piece) / 64.0 - 0.5);
         parts.add_box("board", white, from, from + Vec3::new(0.02, 0.1, 1.0 / 64.0), false);
@@ -196,10 +201,7 @@ fn where_more_is_in_the_way_than_can_be_cut_out_the_picture_is_not_grainy() {
 
 /// A panel behind thirty bars, and a board close above the floor: its shadow's edge, along x, is a few pixels wide.
 fn blinds() -> Scene {
-    let mut parts = SceneParts::default();
-    let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
-    let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::splat(20.0))));
-    parts.add_box("room", white, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), true);
+    let (mut parts, white, lamp) = room(20.0);
     parts.add_quad("lamp", lamp, Vec3::new(-0.3, 2.3, -1.3), Vec3::X * 0.6, Vec3::Z * 0.6);
     for bar in 0..30_u8 {
         let from = Vec3::new(-0.5, 2.2, 0.02 * f32::from(bar) - 1.295);
@@ -240,10 +242,7 @@ fn a_shadows_edge_is_as_smooth_as_the_penumbra_beside_it() {
 
 /// A panel behind slats, of which a floor sees no more than the slit above the topmost.
 fn slit() -> Scene {
-    let mut parts = SceneParts::default();
-    let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
-    let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::splat(20.0))));
-    parts.add_box("room", white, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), true);
+    let (mut parts, white, lamp) = room(20.0);
     parts.add_quad("lamp", lamp, Vec3::new(-1.0, 0.8, -1.0), Vec3::Y * 1.4, Vec3::Z * 2.0);
     for slat in 0..30_u8 {
         let from = Vec3::new(-0.98, 0.8 + 0.045 * f32::from(slat), -1.2);

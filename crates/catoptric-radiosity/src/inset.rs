@@ -100,8 +100,8 @@ mod tests {
     use catoptric_scene::{Material, Rgb, Scene, SceneParts};
     use catoptric_trace::Tracer;
 
+    use crate::base_mesh::coarse_patches;
     use crate::detail::is_inside;
-    use crate::solve::coarse_patches;
 
     /// Around the corners of a picture just before it, a wall spans three quarters of a turn in triangles of all sizes: each vertex still
     /// looks from the side of its own, and not from behind the picture.

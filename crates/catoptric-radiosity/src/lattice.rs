@@ -13,9 +13,9 @@ use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 
 use crate::JOB;
+use crate::base_mesh::diffuse_area;
 use crate::face::FaceDraft;
 use crate::gather::{Surroundings, look_around};
-use crate::solve::diffuse_area;
 
 /// Edge lengths of the base mesh.
 #[derive(Clone, Debug, PartialEq)]

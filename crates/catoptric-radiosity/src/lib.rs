@@ -4,6 +4,7 @@
 
 mod allocation;
 mod arrangement;
+pub mod base_mesh;
 pub mod caustic;
 pub mod coarse;
 pub mod contact;
@@ -39,7 +40,8 @@ pub mod solver;
 mod source_light;
 pub mod triangulate;
 
-pub use solve::{MeshCount, SolveError, SolveParams, SolveReport, Solved, count_mesh, solve};
+pub use base_mesh::{MeshCount, count_mesh};
+pub use solve::{SolveError, SolveParams, SolveReport, Solved, solve};
 
 /// Receivers in one parallel job at most. By itself rayon stops splitting after few halves, and a thread that is done waits
 /// for the long last piece of another.

@@ -257,10 +257,10 @@ fn surroundings(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base_mesh::coarse_patches;
     use crate::contact::Obstacles;
     use crate::detail::is_inside;
     use crate::face::faces;
-    use crate::solve::coarse_patches;
     use catoptric_scene::{Material, Radiance, Rgb, Scene, SceneParts};
 
     /// A large floor with a ball above it, far from every vertex of the floor's base triangles.

@@ -291,7 +291,7 @@ fn kind(draft: &Draft, vertex: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solve::coarse_patches;
+    use crate::base_mesh::coarse_patches;
     use catoptric_scene::{Material, Scene, SceneParts};
 
     #[test]

@@ -10,8 +10,8 @@ use glam::{DVec3, Vec3};
 
 use catoptric_light::irradiance::Scratch;
 use catoptric_light::{LightParams, Lights, Receiver};
+use catoptric_radiosity::base_mesh::coarse_patches;
 use catoptric_radiosity::gather::{DiffuseLight, gather};
-use catoptric_radiosity::solve::coarse_patches;
 use catoptric_scene::{Barycentric, Material, Radiance, Rgb, Scene, SceneParts, Side, TriangleId};
 use catoptric_trace::Tracer;
 use catoptric_trace::sequence::{Key, Purpose};

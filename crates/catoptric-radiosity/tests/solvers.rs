@@ -4,9 +4,9 @@ use std::path::Path;
 
 use glam::Vec3;
 
+use catoptric_radiosity::base_mesh::coarse_patches;
 use catoptric_radiosity::coarse::CoarseParams;
 use catoptric_radiosity::method::{ElementSet, FactorMatrix, Method, MethodParams, factors, prepare};
-use catoptric_radiosity::solve::coarse_patches;
 use catoptric_radiosity::solver::{Params, Rows, Solver, Stop, StoredRows, System, solve_system};
 use catoptric_radiosity::{SolveError, SolveParams, Solved, solve};
 use catoptric_scene::gltf::{LoadOptions, load};

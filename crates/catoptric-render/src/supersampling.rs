@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use catoptric_light::irradiance::{LOOK, Samples};
+use catoptric_light::irradiance::Samples;
 use catoptric_scene::Film;
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_trace::sequence::{Key, Purpose};
@@ -120,7 +120,7 @@ pub(crate) fn shadow_rays(params: &RenderParams, again: u32) -> Option<Samples> 
             0 => Samples::exact(rays.first),
             1 => Samples::exact(rays.penumbra),
             // Those of several samples do not share their strata: their mean hides noise, but less than one of cut-out shadows has.
-            _ => Samples { least: LOOK, ..Samples::exact((2 * rays.penumbra / again).max(1)) },
+            _ => Samples::exact((2 * rays.penumbra / again).max(1)),
         }),
     }
 }

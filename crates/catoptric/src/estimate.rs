@@ -2,6 +2,8 @@
 
 use std::time::Instant;
 
+use clap::ValueEnum;
+
 use catoptric_radiosity::{SolveParams, count_mesh};
 use catoptric_scene::{Scene, TriangleId};
 use catoptric_solution::Quality;
@@ -9,11 +11,13 @@ use catoptric_trace::{Ray, Tracer};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::args::QualityWord;
+
 /// Bytes per triangle: geometry, tree and tables (measured on rooms of 10³ to 10⁵ triangles).
 const BYTES_PER_TRIANGLE: u64 = 500;
 /// Program and threads.
 const BYTES_AT_REST: u64 = 10 << 20;
-/// Rays over curved mirrors and glass, of those at most: half of the scenes need a quarter or less.
+/// Most rays over curved mirrors and glass, for each that is expected: they end where their noise is low enough.
 const CAUSTIC_SHARE: u32 = 2;
 /// Rays whose speed is measured.
 const PROBES: u32 = 1 << 15;
@@ -60,12 +64,10 @@ pub(crate) fn estimate(scene: &Scene) -> Vec<Estimate> {
         material.may_be_specular() && (scene.is_smooth(*t) || material.transmission > 0.0)
     };
     let has_caustics = (0..scene.triangles().len() as u32).map(TriangleId).any(|t| makes_caustics(&t));
-    let qualities = [Quality::Sketch, Quality::Draft, Quality::Standard, Quality::High];
-    let names = ["sketch", "draft", "standard", "high"];
-    names
-        .into_par_iter()
-        .zip(qualities)
-        .map(|(name, quality)| {
+    QualityWord::value_variants()
+        .par_iter()
+        .map(|word| {
+            let quality = word.quality();
             let params = SolveParams::for_quality(quality);
             let mesh = count_mesh(&tracer, &params);
             let (patches, vertices) = (mesh.patches as u64, mesh.vertices as u64);
@@ -76,7 +78,7 @@ pub(crate) fn estimate(scene: &Scene) -> Vec<Estimate> {
             let rays = rows + gathers + light;
             let triangles = scene.triangles().len() as u64;
             let bytes = BYTES_AT_REST + triangles * BYTES_PER_TRIANGLE + vertices * of.bytes;
-            Estimate { quality: name, patches, rays, bytes, seconds: rays as f64 / rate }
+            Estimate { quality: word.name(), patches, rays, bytes, seconds: rays as f64 / rate }
         })
         .collect()
 }
@@ -129,12 +131,14 @@ mod tests {
         parts.add_quad("lamp", lamp, Vec3::new(0.8, 1.99, 0.8), Vec3::X * 0.4, Vec3::Z * 0.4);
         let scene = Scene::new(parts).expect("a valid scene");
         let tracer = Tracer::new(&scene);
-        let qualities = [Quality::Sketch, Quality::Draft, Quality::Standard];
-        for (estimated, quality) in estimate(&scene).iter().zip(qualities) {
+        for (estimated, quality) in
+            estimate(&scene).iter().zip([Quality::Sketch, Quality::Draft, Quality::Standard])
+        {
             let solved = solve(&tracer, &SolveParams::for_quality(quality), &Silent).expect("solved");
             assert_eq!(estimated.patches, solved.report.patches as u64, "{}", estimated.quality);
             let taken: u64 = solved.report.rays.iter().map(|stage| stage.1).sum();
             let ratio = estimated.rays as f64 / taken as f64;
+            // Three times is what a lamp in glass is off.
             assert!((0.25..4.0).contains(&ratio), "{}: {} of {taken}", estimated.quality, estimated.rays);
         }
     }

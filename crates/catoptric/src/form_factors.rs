@@ -7,8 +7,8 @@ use glam::DVec3;
 use serde::Serialize;
 
 use catoptric_image::write_bytes_atomically;
+use catoptric_radiosity::base_mesh::coarse_patches;
 use catoptric_radiosity::method::{self, ElementSet, FactorMatrix, Method, MethodParams};
-use catoptric_radiosity::solve::coarse_patches;
 use catoptric_scene::Barycentric;
 use catoptric_trace::Tracer;
 

@@ -12,11 +12,11 @@ use std::time::Instant;
 
 use catoptric_light::irradiance::Scratch;
 use catoptric_light::{LightParams, Lights};
+use catoptric_radiosity::base_mesh::coarse_patches;
 use catoptric_radiosity::method::{
     ElementSet, FactorMatrix, FormFactors, Method, MethodParams, factors, prepare,
 };
 use catoptric_radiosity::patch::PatchId;
-use catoptric_radiosity::solve::coarse_patches;
 use catoptric_radiosity::solver::{Params, Solver, StoredRows, System, solve_system};
 use catoptric_scene::Rgb;
 use catoptric_scene::{Scene, Silent, gltf};

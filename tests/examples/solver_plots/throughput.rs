@@ -2,8 +2,8 @@
 
 use std::time::Instant;
 
+use catoptric_radiosity::base_mesh::coarse_patches;
 use catoptric_radiosity::method::{ElementSet, Method, MethodParams, prepare};
-use catoptric_radiosity::solve::coarse_patches;
 use catoptric_radiosity::solver::{Params, Solver, StoredRows, System, direct, solve_system};
 use catoptric_trace::Tracer;
 

@@ -15,7 +15,7 @@ use catoptric_trace::Tracer;
 
 use crate::JOB;
 use crate::caustic::deposit::{Deposits, LEVELS, Part, Within};
-use crate::caustic::smooth::{LIKELY, POOLING};
+use crate::caustic::smooth::{POOLING, surprise};
 use crate::draft::{Closed, Draft, Leaf};
 
 /// When triangles are fine enough for the caustic term.
@@ -218,9 +218,7 @@ fn sharpened(
             for (i, j) in [(*a, *b), (*b, *c), (*c, *a)] {
                 let (i, j) = (i as usize, j as usize);
                 let difference = strength(lumped[i]) - strength(lumped[j]);
-                let unlikely =
-                    difference * difference / (LIKELY * (variance[i] + variance[j])).max(f32::MIN_POSITIVE);
-                let told = 1.0 - 1.0 / (1.0 + unlikely * unlikely);
+                let told = 1.0 - 1.0 / surprise(difference, variance[i] + variance[j]);
                 visit(i, j, (values[i] - values[j]) * (told * area / 12.0));
             }
         }

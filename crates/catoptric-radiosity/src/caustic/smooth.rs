@@ -12,7 +12,14 @@ pub(super) const POOLING: usize = 2;
 /// Standard error against the light that smoothing aims at.
 const SMOOTH_TO: f32 = 0.02;
 /// Squared differences up to this multiple of their variance count as noise.
-pub(super) const LIKELY: f32 = 4.0;
+const LIKELY: f32 = 4.0;
+
+/// How surprising a difference is as noise of this variance: from 1 on (1 / the second edge-stopping function of Perona & Malik 1990, whose
+/// scale is the noise).
+pub(super) fn surprise(difference: f32, variance: f32) -> f32 {
+    let unlikely = difference * difference / (LIKELY * variance).max(f32::MIN_POSITIVE);
+    1.0 + unlikely * unlikely
+}
 
 impl Projection {
     /// Evens out noise that is above `SMOOTH_TO` of the light at a vertex (`other` and its own): power flows along edges
@@ -66,8 +73,7 @@ impl Projection {
                 }
                 flows = true;
                 let difference = strength(self.values[a]) - strength(self.values[b]);
-                let unlikely = difference * difference / (LIKELY * (self.variance[a] + self.variance[b]));
-                let conductance = wanted / (1.0 + unlikely * unlikely);
+                let conductance = wanted / surprise(difference, self.variance[a] + self.variance[b]);
                 let exchanged =
                     conductance * self.mass[a].min(self.mass[b]) / (degree[a].max(degree[b]) + 1) as f32;
                 flow[a] += (self.values[b] - self.values[a]) * (exchanged / self.mass[a]);

@@ -404,7 +404,8 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::solve::{SolveParams, coarse_patches};
+    use crate::base_mesh::coarse_patches;
+    use crate::solve::SolveParams;
     use catoptric_scene::{Material, Scene, SceneParts, Silent};
     use catoptric_solution::Quality;
     use catoptric_trace::Tracer;

@@ -288,11 +288,11 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
+    use crate::base_mesh::coarse_patches;
     use crate::detail::is_inside;
     use crate::draft::DraftVertex;
     use crate::lattice::Lattice;
     use crate::near::NearParams;
-    use crate::solve::coarse_patches;
 
     fn is_on_floor(vertex: &DraftVertex) -> bool {
         vertex.position.y == 0.0 && vertex.normal == Vec3::Y
