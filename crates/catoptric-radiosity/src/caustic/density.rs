@@ -357,13 +357,27 @@ pub(super) struct Density {
 /// Caustics weaker than this share of the other light do not count.
 const LIT: f32 = 0.02;
 
+/// What more rays changed, against the light there, root mean square over what caustics light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Change {
+    /// By area: of large, weak caustics.
+    pub(super) by_area: f32,
+    /// By area and the square of their light: of small, bright ones, of which area knows nothing.
+    pub(super) in_focus: f32,
+}
+
+impl Change {
+    /// Nothing to compare with.
+    pub(super) const UNKNOWN: Self = Self { by_area: f32::INFINITY, in_focus: f32::INFINITY };
+}
+
 impl Density {
     /// Difference to what was found `before` on another refinement of the same base mesh, of `first` vertices, against the
-    /// light there: root mean square over the surface that either says caustics light.
+    /// light there, over the surface that either says caustics light.
     ///
     /// Noise, its smoothing and detail that had not been told from it all show: an estimate from variances alone is blind
     /// to what smoothing blurred.
-    pub(super) fn change(&self, draft: &Draft, before: &Density, coarser: &Draft, first: usize) -> f32 {
+    pub(super) fn change(&self, draft: &Draft, before: &Density, coarser: &Draft, first: usize) -> Change {
         // The vertices that both have, by way of their parents: of `coarser` here, then its values at this mesh's.
         let mut there: Vec<Option<u32>> = (0..first as u32).map(Some).collect();
         for vertex in &coarser.vertices[first..] {
@@ -384,16 +398,20 @@ impl Density {
                 || vertex.parents.map_or(Rgb::ZERO, |[a, b]| (old[a as usize] + old[b as usize]) * 0.5);
             old.push(known.unwrap_or_else(between));
         }
-        let (mut sum, mut lit) = (0.0_f64, 0.0_f64);
+        let (mut area, mut bright) = ([0.0_f64; 2], [0.0_f64; 2]);
         for (v, (&now, &old)) in self.values.iter().zip(&old).enumerate() {
             let caustic = strength(now).max(strength(old));
             if caustic > LIT * self.light[v] {
-                let relative = strength(now - old) / (self.light[v] + strength(now));
-                sum += f64::from(self.mass[v] * relative * relative);
-                lit += f64::from(self.mass[v]);
+                let relative = f64::from(strength(now - old) / (self.light[v] + strength(now)));
+                let mass = f64::from(self.mass[v]);
+                for (sums, weight) in [(&mut area, mass), (&mut bright, mass * f64::from(caustic).powi(2))] {
+                    sums[0] += weight * relative * relative;
+                    sums[1] += weight;
+                }
             }
         }
-        if lit > 0.0 { (sum / lit).sqrt() as f32 } else { 0.0 }
+        let mean = |[sum, weight]: [f64; 2]| if weight > 0.0 { (sum / weight).sqrt() as f32 } else { 0.0 };
+        Change { by_area: mean(area), in_focus: mean(bright) }
     }
 }
 

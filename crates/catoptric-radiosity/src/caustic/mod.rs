@@ -24,7 +24,7 @@ use catoptric_solution::{Quality, Solution, Term};
 use catoptric_trace::walk::WalkParams;
 use catoptric_trace::{Ledger, Tracer};
 
-use crate::caustic::density::Density;
+use crate::caustic::density::{Change, Density};
 use crate::caustic::deposit::Deposits;
 use crate::caustic::emit::{Emission, Harvest};
 use crate::display::Displayed;
@@ -38,8 +38,11 @@ pub struct CausticParams {
     pub min_rays: u32,
     /// Rays at most, a power of two.
     pub max_rays: u32,
-    /// Rays are doubled until their noise is below this share of the light, or until that changes less of it.
+    /// Rays are doubled until their noise is below this share of the light, or until that changes less of it, by area, …
     pub noise: f32,
+    /// … and until that changes less than this share where they are bright: a focus is a small part of what is lit, and
+    /// shown as coarsely as it has few rays.
+    pub focus: f32,
     /// The mesh.
     pub density: DensityParams,
 }
@@ -47,16 +50,17 @@ pub struct CausticParams {
 impl CausticParams {
     /// The budgets of a quality.
     pub fn for_quality(quality: Quality) -> Self {
-        let (max_rays, max_vertices, noise) = match quality {
-            Quality::Sketch => (1 << 16, 2_000, 0.1),
-            Quality::Draft => (1 << 18, 6_000, 0.06),
-            Quality::Standard => (1 << 21, 20_000, 0.03),
-            Quality::High => (1 << 22, 200_000, 0.02),
+        let (max_rays, max_vertices, noise, focus) = match quality {
+            Quality::Sketch => (1 << 16, 2_000, 0.1, 0.25),
+            Quality::Draft => (1 << 18, 6_000, 0.06, 0.16),
+            Quality::Standard => (1 << 21, 20_000, 0.03, 0.08),
+            Quality::High => (1 << 22, 200_000, 0.02, 0.05),
         };
         Self {
             min_rays: 1 << 14,
             max_rays,
             noise,
+            focus,
             density: DensityParams {
                 max_vertices,
                 rounds: 10,
@@ -91,8 +95,9 @@ pub struct CausticReport {
     pub ledger: Ledger,
     /// Estimated noise before smoothing, against the light there, root mean square over what caustics light.
     pub noise: f32,
-    /// What the last doubling of the rays changed, against the light there, root mean square over what caustics light.
-    pub change: f32,
+    /// What the last doubling of the rays changed, against the light there, root mean square over what caustics light, by
+    /// area and where they are bright.
+    pub change: [f32; 2],
     /// Vertices of its mesh beyond the base.
     pub vertices: usize,
 }
@@ -148,8 +153,9 @@ pub fn caustic(
         let found = density::refine(tracer, &mut own, &deposits, &light, &density, progress)?;
         let change = before
             .as_ref()
-            .map_or(f32::INFINITY, |(coarser, b)| found.change(&own, b, coarser, draft.vertices.len()));
-        if rays >= params.max_rays || change.min(found.noise) < params.noise {
+            .map_or(Change::UNKNOWN, |(coarser, b)| found.change(&own, b, coarser, draft.vertices.len()));
+        let is_settled = change.by_area.min(found.noise) < params.noise && change.in_focus < params.focus;
+        if rays >= params.max_rays || is_settled {
             break (own, found, deposits, change);
         }
         before = Some((own, found));
@@ -164,7 +170,7 @@ pub fn caustic(
         elsewhere: harvest.elsewhere * share,
         ledger: harvest.ledger.scaled(share),
         noise: found.noise,
-        change,
+        change: [change.by_area, change.in_focus],
         vertices: own.vertices.len() - draft.vertices.len(),
     };
     let base_vertices = draft.vertices.len();
