@@ -45,6 +45,21 @@ pub fn byte(linear: f32) -> u8 {
     code
 }
 
+/// The code above `linear` light if its place between the two codes around it is beyond `threshold`, else the one below: over
+/// all thresholds of `[0, 1)` their mean is the light. Light outside `[0, 1]` is clipped, NaN is black.
+#[inline]
+pub fn byte_at(linear: f32, threshold: f32) -> u8 {
+    let codes = &*LINEAR_OF_BYTE;
+    let linear = linear.max(0.0);
+    let nearest = byte(linear);
+    let below = if codes[usize::from(nearest)] > linear { nearest - 1 } else { nearest };
+    let (low, high) = match codes.get(usize::from(below) + 1) {
+        Some(&high) => (codes[usize::from(below)], high),
+        None => return below,
+    };
+    below + u8::from(linear - low > threshold * (high - low))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -58,5 +73,21 @@ mod tests {
         for light in near.chain(spread).chain(odd) {
             assert_eq!(byte(light), search(light), "{light}");
         }
+    }
+
+    #[test]
+    fn codes_stay_and_the_mean_over_thresholds_is_the_light() {
+        let thresholds = || (0..1000).map(|k| k as f32 / 1000.0);
+        for (code, &light) in LINEAR_OF_BYTE.iter().enumerate() {
+            assert!(thresholds().all(|t| usize::from(byte_at(light, t)) == code), "{code}");
+        }
+        for k in 0..500 {
+            let light = libm::powf(k as f32 / 500.0, 3.0);
+            let codes = thresholds().map(|t| f64::from(LINEAR_OF_BYTE[usize::from(byte_at(light, t))]));
+            let mean = codes.sum::<f64>() / 1000.0;
+            // A thousandth of the widest step, 0.0089.
+            assert!((mean - f64::from(light)).abs() < 9e-6, "{light} {mean}");
+        }
+        assert_eq!([f32::NAN, -1.0, 2.0, f32::INFINITY].map(|v| byte_at(v, 0.5)), [0, 0, 255, 255]);
     }
 }
