@@ -87,7 +87,7 @@ impl SolveParams {
         let (base_triangles, row_rays, vertex_rays, gather_rays) = match quality {
             Quality::Sketch => (200, 32, 32, 32),
             Quality::Draft => (1_000, 32, 96, 64),
-            Quality::Standard => (1_400, 32, 128, 64),
+            Quality::Standard => (1_400, 64, 128, 64),
             Quality::High => (5_000, 64, 192, 256),
         };
         let (near_rounds, detail_rounds, detail_share, near_light_rounds) = match quality {
