@@ -48,22 +48,17 @@ pub fn luminance(rgb: [f32; 3]) -> f32 {
     LUMINANCE[0] * rgb[0] + LUMINANCE[1] * rgb[1] + LUMINANCE[2] * rgb[2]
 }
 
-/// Display bytes of linear pixels, each the nearest.
-pub fn to_srgb8(pixels: &[[f32; 3]], tone: &ToneMap) -> Vec<[u8; 3]> {
-    let gain = libm::exp2f(tone.exposure_ev);
-    pixels.par_iter().map(|pixel| pixel.map(|v| srgb::byte(tone.curve.of(v * gain)))).collect()
-}
-
 /// Display bytes of linear pixels in rows of `width`: of the two codes around a pixel's light one is taken so that their
 /// mean over some pixels is that light. Smooth light without noise has steps to be seen if each pixel is rounded.
 ///
 /// Places between two codes are compared with interleaved gradient noise (Jimenez 2014), the same for all channels: what lies on a
 /// code keeps it, and the same light in the same place gets the same byte.
-pub fn to_srgb8_dithered(pixels: &[[f32; 3]], width: usize, tone: &ToneMap) -> Vec<[u8; 3]> {
+pub fn to_srgb8(pixels: &[[f32; 3]], width: usize, tone: &ToneMap) -> Vec<[u8; 3]> {
     let gain = libm::exp2f(tone.exposure_ev);
+    let width = width.max(1);
     let byte = |(index, pixel): (usize, &[f32; 3])| {
-        let at = interleaved_gradient_noise((index % width.max(1)) as f32, (index / width.max(1)) as f32);
-        pixel.map(|v| srgb::byte_at(tone.curve.of(v * gain), at))
+        let threshold = interleaved_gradient_noise((index % width) as f32, (index / width) as f32);
+        pixel.map(|v| srgb::byte_at(tone.curve.of(v * gain), threshold))
     };
     pixels.par_iter().enumerate().map(byte).collect()
 }
@@ -98,12 +93,12 @@ mod tests {
         let (width, height) = (200, 150);
         for share in [0.1_f32, 0.3, 0.5, 0.8] {
             let light = low + share * (high - low);
-            let bytes = to_srgb8_dithered(&vec![[light; 3]; width * height], width, &ToneMap::default());
+            let bytes = to_srgb8(&vec![[light; 3]; width * height], width, &ToneMap::default());
             assert!(bytes.iter().all(|b| b[0] == b[1] && b[1] == b[2] && (100..=101).contains(&b[0])));
             for (x, y) in (0..height - 9).flat_map(|y| (0..width - 9).map(move |x| (x, y))) {
                 let square = (0..81).map(|k| bytes[(y + k / 9) * width + x + k % 9][0]);
                 let above = square.filter(|&b| b == 101).count() as f32 / 81.0;
-                // By chance the deviation of 81 would be up to .055, and some of the squares be five times as far off.
+                // One deviation of 81 that are drawn by chance, √(¼ / 81): of the squares of such a picture a third are further off.
                 assert!((above - share).abs() < 0.055, "{share} {above} at {x} {y}");
             }
         }

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use catoptric_image::tone::{Curve, ToneMap, auto_exposure, to_srgb8_dithered};
+use catoptric_image::tone::{Curve, ToneMap, auto_exposure, to_srgb8};
 use catoptric_image::{Image, is_stream, place_of_output, write_png8};
 
 use catoptric_render::lines;
@@ -97,7 +97,7 @@ impl Outputs {
         let pixels = image.rgb("").unwrap_or_default();
         let exposure_ev = *self.exposure.get_or_insert_with(|| auto_exposure(pixels.iter().copied()));
         let tone = ToneMap { exposure_ev, curve: Curve::Clip };
-        let mut bytes = to_srgb8_dithered(&pixels, image.width, &tone);
+        let mut bytes = to_srgb8(&pixels, image.width, &tone);
         if let Some(lines) = image.channel(lines::LAYER) {
             draw(&mut bytes, lines);
         }

@@ -358,12 +358,12 @@ pub(super) struct Density {
 const LIT: f32 = 0.02;
 
 /// What more rays changed, against the light there, root mean square over what caustics light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Change {
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Change {
     /// By area: of large, weak caustics.
-    pub(super) by_area: f32,
+    pub by_area: f32,
     /// By area and the square of their light: of small, bright ones, of which area knows nothing.
-    pub(super) in_focus: f32,
+    pub in_focus: f32,
 }
 
 impl Change {

@@ -13,7 +13,7 @@ mod source;
 mod table;
 mod target;
 
-pub use density::DensityParams;
+pub use density::{Change, DensityParams};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ use catoptric_solution::{Quality, Solution, Term};
 use catoptric_trace::walk::WalkParams;
 use catoptric_trace::{Ledger, Tracer};
 
-use crate::caustic::density::{Change, Density};
+use crate::caustic::density::Density;
 use crate::caustic::deposit::Deposits;
 use crate::caustic::emit::{Emission, Harvest};
 use crate::display::Displayed;
@@ -95,9 +95,8 @@ pub struct CausticReport {
     pub ledger: Ledger,
     /// Estimated noise before smoothing, against the light there, root mean square over what caustics light.
     pub noise: f32,
-    /// What the last doubling of the rays changed, against the light there, root mean square over what caustics light, by
-    /// area and where they are bright.
-    pub change: [f32; 2],
+    /// What the last doubling of the rays changed.
+    pub change: Change,
     /// Vertices of its mesh beyond the base.
     pub vertices: usize,
 }
@@ -170,7 +169,7 @@ pub fn caustic(
         elsewhere: harvest.elsewhere * share,
         ledger: harvest.ledger.scaled(share),
         noise: found.noise,
-        change: [change.by_area, change.in_focus],
+        change,
         vertices: own.vertices.len() - draft.vertices.len(),
     };
     let base_vertices = draft.vertices.len();
