@@ -8,6 +8,7 @@
 mod density;
 mod deposit;
 mod emit;
+mod projection;
 mod smooth;
 mod source;
 mod table;

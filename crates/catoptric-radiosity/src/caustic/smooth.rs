@@ -3,7 +3,7 @@
 
 use catoptric_scene::Rgb;
 
-use crate::caustic::density::{Projection, strength};
+use crate::caustic::projection::{Projection, strength};
 
 /// Steps of smoothing at most: noise spreads over about their square root of edges.
 const SMOOTHING: usize = 32;
