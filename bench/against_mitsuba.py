@@ -294,7 +294,11 @@ def main():
         run(a)
     with open(os.path.join(a.out, 'results.json')) as f:
         results = json.load(f)
-    text = table(results).replace('README_LINK', os.path.relpath(os.path.join(HERE, 'README.md'), a.out))
+    text = table(results)
+    if os.path.realpath(a.out).startswith(os.path.realpath(ROOT) + os.sep):
+        text = text.replace('README_LINK', os.path.relpath(os.path.join(HERE, 'README.md'), a.out))
+    else:               # a link would name this machine's folders, and break elsewhere
+        text = text.replace('[bench/README.md](README_LINK)', 'bench/README.md')
     with open(os.path.join(a.out, 'results.md'), 'w') as f:
         f.write(text)
     for which in ('relMSE', 'FLIP'):
