@@ -73,16 +73,26 @@ impl ChainTree {
         if !sides.iter().any(|&(normal, offset, both)| both || normal.dot(position) > offset) {
             return;
         }
-        let mut part = *window;
+        // Most planes cut nothing off, or all: half a kilobyte need not be moved.
+        let mut part: Option<Polygon> = None;
         for normal in beam.iter().flatten() {
-            part = part.clipped(*normal, normal.dot(position) - SLACK);
-            if part.is_empty() {
+            let (known, offset) = (part.as_ref().unwrap_or(window), normal.dot(position) - SLACK);
+            let inside = known.corners().iter().filter(|c| normal.dot(**c) - offset >= 0.0).count();
+            if inside == known.corners().len() {
+                continue;
+            }
+            if inside == 0 {
                 return;
             }
+            let rest = known.clipped(*normal, offset);
+            if rest.is_empty() {
+                return;
+            }
+            part = Some(rest);
         }
         seen.extend(chain);
         if !children.is_empty() {
-            let beam = part.sight_planes(position);
+            let beam = part.as_ref().unwrap_or(window).sight_planes(position);
             for &child in children {
                 self.follow(child, position, &beam, seen);
             }

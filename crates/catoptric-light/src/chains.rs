@@ -14,7 +14,7 @@ use crate::chain_tree::ChainTree;
 use crate::contour::Polygon;
 use crate::emitter::Emitters;
 use crate::light_tree::{View, Windows};
-use crate::reach::{Ball, Reach, source_balls};
+use crate::reach::{Ball, Beam, Reach, source_balls};
 
 /// A flat reflecting piece of a plane.
 #[derive(Clone, Debug)]
@@ -70,15 +70,8 @@ pub struct ImageChain {
     /// Each mirror reflects alike all over its windows.
     even: bool,
     strength: f32,
-    /// Of a small mirror: where light over it arrives.
-    reach: Option<Reaches>,
-}
-
-/// Where light over a small mirror arrives: that of area sources, and of each punctual light.
-#[derive(Clone, Debug)]
-struct Reaches {
-    area: Vec<Reach>,
-    punctual: Vec<Reach>,
+    /// Of a small mirror: where light of area sources over it arrives.
+    reach: Option<Vec<Reach>>,
 }
 
 /// All chains that are followed by images; others belong to the hemisphere rays.
@@ -95,6 +88,8 @@ pub struct ImageChains {
     listed: Vec<Vec<PlaneId>>,
     /// Planes of the facets that have a chain, ascending: they are many.
     facets: Vec<PlaneId>,
+    /// Of each punctual light of the scene: the chains that it shines into, ascending, and where it arrives by them.
+    punctual: Vec<Vec<(u32, Reach)>>,
 }
 
 /// Chains of mirrors that are no facets, at most: where there are more, light over the others is followed from the sources.
@@ -173,7 +168,7 @@ impl ImageChains {
         let balls = source_balls(tracer, emitters);
         let facets = (count..reflectors.len()).filter(|&r| is_lit[r]).map(|facet| {
             let mut chain = ImageChain::over(&reflectors, &[facet]);
-            chain.reach = Some(reaches(tracer.scene().lights(), &balls, bright_sky, &reflectors[facet]));
+            chain.reach = Some(reaches(&balls, bright_sky, &reflectors[facet]));
             chain
         });
         let large = found.len();
@@ -186,7 +181,13 @@ impl ImageChains {
         let mut listed: Vec<Vec<PlaneId>> = found[..large].iter().map(|c| c.planes.clone()).collect();
         listed.sort_unstable();
         let tree = ChainTree::new(&reflectors, &found[..large]);
-        Self { reflectors, chains: found, tree, cut_short, listed, facets }
+        let lit_by = |light: &PunctualLight| {
+            let reach =
+                |(index, chain): (u32, &ImageChain)| Some((index, chain.reach_of(&reflectors, light)?));
+            (0..).zip(&found).filter_map(reach).collect()
+        };
+        let punctual = tracer.scene().lights().iter().map(lit_by).collect();
+        Self { reflectors, chains: found, tree, cut_short, listed, facets, punctual }
     }
 
     /// Whether there are more chains than are listed: light over the others is followed from the sources.
@@ -198,6 +199,12 @@ impl ImageChains {
     pub(crate) fn seen_from(&self, position: DVec3, geometric: DVec3, seen: &mut Vec<u32>) {
         self.tree.seen_from(position, geometric, seen);
         seen.extend(self.listed.len() as u32..self.chains.len() as u32);
+    }
+
+    /// The chains by which a punctual light, by its index in the scene, may arrive at a place, in turn.
+    pub(crate) fn of_punctual(&self, light: usize, place: DVec3) -> impl Iterator<Item = &ImageChain> {
+        let those = self.punctual[light].iter().filter(move |(_, reach)| reach.holds(place));
+        those.map(|&(index, _)| &self.chains[index as usize])
     }
 
     /// The chains.
@@ -217,14 +224,12 @@ impl ImageChains {
     }
 }
 
-/// Where light of all sources over a facet arrives.
-fn reaches(lights: &[PunctualLight], balls: &[Ball], bright_sky: bool, facet: &Reflector) -> Reaches {
+/// Where light of area sources over a facet arrives.
+fn reaches(balls: &[Ball], bright_sky: bool, facet: &Reflector) -> Vec<Reach> {
     let corners = facet.pieces.iter().flat_map(|p| p.outline.corners()).copied();
     let window = Ball::around(corners);
     let area = balls.iter().map(|&ball| Reach::over(&facet.plane, window, ball));
-    let punctual = lights.iter().map(|light| Reach::of_punctual(&facet.plane, window, light)).collect();
-    let sky = bright_sky.then_some(Reach::Everywhere);
-    Reaches { area: area.chain(sky).collect(), punctual }
+    area.chain(bright_sky.then_some(Reach::Everywhere)).collect()
 }
 
 /// Whether any corner of `outline` lies on the reflecting (or emitting) side of `piece`.
@@ -521,13 +526,37 @@ impl ImageChain {
     /// Whether light of area sources may arrive somewhere.
     #[inline]
     pub(crate) fn may_reach(&self, place: DVec3) -> bool {
-        self.reach.as_ref().is_none_or(|reach| reach.area.iter().any(|r| r.holds(place)))
+        self.reach.as_ref().is_none_or(|reach| reach.iter().any(|r| r.holds(place)))
     }
 
-    /// Whether that of a punctual light may, by its index in the scene.
-    #[inline]
-    pub(crate) fn may_reach_from(&self, light: usize, place: DVec3) -> bool {
-        self.reach.as_ref().is_none_or(|reach| reach.punctual[light].holds(place))
+    /// Where a punctual light arrives over these mirrors; `None` if nowhere: what it sends is followed through the windows, from the last.
+    fn reach_of(&self, reflectors: &[Reflector], light: &PunctualLight) -> Option<Reach> {
+        let beam = Beam::of(light);
+        let last = &reflectors[*self.reflectors.last()?];
+        if !last.pieces.iter().any(|p| p.double_sided || beam.is_above(p.normal, p.outline.corners()[0])) {
+            return None;
+        }
+        let mut corners: Vec<DVec3> = Vec::new();
+        for windows in &self.windows {
+            let (mut through, mut part) = (beam.clone(), Polygon::new(&[]));
+            for window in windows.iter().rev() {
+                part = through.part(window);
+                if part.is_empty() {
+                    break;
+                }
+                through.narrow(&part);
+            }
+            corners.extend_from_slice(part.corners());
+        }
+        if corners.is_empty() {
+            return None;
+        }
+        // From where the light is straight to where the receiver is.
+        let (first, others) = self.equations.split_first()?;
+        let at_first = |point: DVec3| others.iter().rev().fold(point, |p, plane| plane.reflect_point(p));
+        let turned = |way: DVec3| self.equations.iter().rev().fold(way, |w, plane| plane.reflect_vector(w));
+        let window = Ball::around(corners.into_iter().map(at_first));
+        Some(beam.reach(window, |point| first.reflect_point(at_first(point)), turned))
     }
 
     /// The mirrors from the one at `level` on, if light that is seen through the windows is certain to be reflected by them.

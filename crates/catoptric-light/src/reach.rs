@@ -1,4 +1,4 @@
-//! How far the light of a source goes over a small mirror: receivers elsewhere need not ask for it.
+//! How far the light of a source goes over mirrors: receivers elsewhere need not ask for it.
 
 use std::collections::BTreeMap;
 
@@ -8,6 +8,7 @@ use catoptric_scene::{PunctualKind, PunctualLight};
 use catoptric_trace::Tracer;
 use catoptric_trace::plane::Plane;
 
+use crate::contour::{MAX_CORNERS, Polygon};
 use crate::emitter::Emitters;
 
 /// A ball around something.
@@ -61,23 +62,6 @@ impl Reach {
         Self::through(Ball { center: plane.reflect_point(ball.center), ..ball }, window)
     }
 
-    /// Where a punctual light arrives likewise.
-    pub(crate) fn of_punctual(plane: &Plane, window: Ball, light: &PunctualLight) -> Self {
-        match light.kind {
-            PunctualKind::Directional => Self::Tube {
-                point: window.center,
-                axis: plane.reflect_vector(light.direction.as_dvec3()).normalize_or_zero(),
-                radius: window.radius,
-            },
-            PunctualKind::Point
-            | PunctualKind::Spot { .. }
-            | PunctualKind::Lobe { .. }
-            | PunctualKind::Photometric { .. } => {
-                Self::over(plane, window, Ball { center: light.position.as_dvec3(), radius: 0.0 })
-            }
-        }
-    }
-
     /// Whether a place lies in it.
     #[inline]
     pub(crate) fn holds(&self, place: DVec3) -> bool {
@@ -90,6 +74,111 @@ impl Reach {
             Self::Tube { point, axis, radius } => {
                 (place - point).cross(axis).length_squared() <= radius * radius * (1.0 + ROUNDING)
             }
+        }
+    }
+}
+
+/// What a punctual light sends through some windows.
+#[derive(Clone, Debug)]
+pub(crate) struct Beam<'a> {
+    light: &'a PunctualLight,
+    /// Planes around it: unit normals inwards, and offsets.
+    sides: Vec<(DVec3, f64)>,
+}
+
+/// A beam is wider by this share of the window than what passes it: corners of a mirror are in its plane but for rounding.
+const MARGIN: f64 = 1e-6;
+
+impl<'a> Beam<'a> {
+    /// All that it sends.
+    pub(crate) fn of(light: &'a PunctualLight) -> Self {
+        Self { light, sides: Vec::new() }
+    }
+
+    /// Where it starts; `None` if far away.
+    fn origin(&self) -> Option<DVec3> {
+        match self.light.kind {
+            PunctualKind::Directional => None,
+            PunctualKind::Point
+            | PunctualKind::Spot { .. }
+            | PunctualKind::Lobe { .. }
+            | PunctualKind::Photometric { .. } => Some(self.light.position.as_dvec3()),
+        }
+    }
+
+    fn direction(&self) -> DVec3 {
+        self.light.direction.as_dvec3()
+    }
+
+    /// Cosine of the half-angle of the cone outside of which nothing is sent.
+    fn cos(&self) -> f64 {
+        match self.light.kind {
+            PunctualKind::Spot { cos_outer, .. } => f64::from(cos_outer),
+            PunctualKind::Lobe { .. } => 0.0,
+            PunctualKind::Point | PunctualKind::Directional | PunctualKind::Photometric { .. } => -1.0,
+        }
+    }
+
+    /// Whether it arrives on the side of a plane to which its normal points.
+    pub(crate) fn is_above(&self, normal: DVec3, point: DVec3) -> bool {
+        normal.dot(self.origin().map_or(-self.direction(), |origin| origin - point)) > 0.0
+    }
+
+    /// The part of a window that it lights.
+    pub(crate) fn part(&self, window: &Polygon) -> Polygon {
+        let mut part = *window;
+        for &(normal, offset) in &self.sides {
+            part = part.clipped(normal, offset);
+        }
+        let ball = Ball::around(part.corners().iter().copied());
+        let is_off = self.origin().is_some_and(|origin| {
+            let towards = ball.center - origin;
+            let (distance, cos) = (towards.length(), self.cos());
+            // Off by more than the cone and the ball take up together.
+            let angle = libm::acos((towards.dot(self.direction()) / distance).clamp(-1.0, 1.0));
+            cos > -1.0
+                && distance > ball.radius
+                && angle > libm::acos(cos) + libm::asin(ball.radius / distance) + MARGIN
+        });
+        if is_off { Polygon::new(&[]) } else { part }
+    }
+
+    /// Keeps what goes on through a window.
+    pub(crate) fn narrow(&mut self, window: &Polygon) {
+        let corners = window.corners();
+        // As many sides as this may cut off as many corners: the sides of the window before do, then.
+        if corners.len() > MAX_CORNERS / 2 {
+            return;
+        }
+        let center = corners.iter().copied().sum::<DVec3>() / corners.len().max(1) as f64;
+        let margin = MARGIN * Ball::around(corners.iter().copied()).radius;
+        let way = |corner: DVec3| self.origin().map_or(self.direction(), |origin| corner - origin);
+        let ends = corners.iter().zip(corners.iter().cycle().skip(1));
+        let side = |(&a, &b): (&DVec3, &DVec3)| {
+            let normal = (b - a).cross(way(a)).try_normalize()?;
+            let normal = if normal.dot(center - a) < 0.0 { -normal } else { normal };
+            Some((normal, normal.dot(a) - margin))
+        };
+        self.sides = ends.filter_map(side).collect();
+    }
+
+    /// Where it arrives by way of mirrors of which the receiver sees the first in `window`: `imaged` and `turned` say where a point and a
+    /// direction are seen in them.
+    pub(crate) fn reach(
+        &self,
+        window: Ball,
+        imaged: impl Fn(DVec3) -> DVec3,
+        turned: impl Fn(DVec3) -> DVec3,
+    ) -> Reach {
+        let axis = turned(self.direction()).normalize_or_zero();
+        let Some(origin) = self.origin() else {
+            return Reach::Tube { point: window.center, axis, radius: window.radius };
+        };
+        let apex = imaged(origin);
+        let through = Reach::through(Ball { center: apex, radius: 0.0 }, window);
+        match through {
+            Reach::Cone { cos, .. } if cos < self.cos() => Reach::Cone { apex, axis, cos: self.cos() },
+            _ => through,
         }
     }
 }
@@ -159,9 +248,11 @@ mod tests {
             intensity: Rgb::ONE,
         };
         let down = Vec3::new(1.0, -1.0, 0.0).normalize_or_zero();
-        let sun = Reach::of_punctual(&plane, window, &light(PunctualKind::Directional, Vec3::ZERO, down));
-        let lamp =
-            Reach::of_punctual(&plane, window, &light(PunctualKind::Point, Vec3::new(-2.0, 2.0, 0.0), down));
+        let over = |light: &PunctualLight| {
+            Beam::of(light).reach(window, |p| plane.reflect_point(p), |v| plane.reflect_vector(v))
+        };
+        let sun = over(&light(PunctualKind::Directional, Vec3::ZERO, down));
+        let lamp = over(&light(PunctualKind::Point, Vec3::new(-2.0, 2.0, 0.0), down));
         for (reach, name) in [(sun, "sun"), (lamp, "lamp")] {
             let at = |p: DVec2| reach.holds(DVec3::new(p.x, p.y, 0.0));
             // Both go up to the right by 45 degrees.
@@ -175,5 +266,10 @@ mod tests {
         let far = DVec3::new(6.0, 6.0, 0.0);
         assert!(sun.holds(far + off * 0.49) && !sun.holds(far + off * 0.51));
         assert!(lamp.holds(far + off * 1.9) && !lamp.holds(far + off * 2.1));
+        // A spot whose cone is narrower: 1° of half-angle are 0.197 m after 11.3 m.
+        let (cos_inner, cos_outer) = (1.0, libm::cosf(1.0_f32.to_radians()));
+        let spot = PunctualKind::Spot { cos_inner, cos_outer };
+        let spot = over(&light(spot, Vec3::new(-2.0, 2.0, 0.0), down));
+        assert!(spot.holds(far + off * 0.19) && !spot.holds(far + off * 0.21));
     }
 }
