@@ -2,11 +2,12 @@
 //! corrected by what it found beyond what it saw.
 //!
 //! The file `gathers` sends the rays, `links` keeps what those of the vertices met, `bright` finds what is small and bright
-//! and `spots` where it is seen, `turns` shares out one sequence among the points inside the elements.
+//! and `spots` where it is seen, `seams` joins faces in one plane, `turns` shares out one sequence among the points inside the elements.
 
 mod bright;
 mod gathers;
 mod links;
+mod seams;
 mod spots;
 mod turns;
 
@@ -25,6 +26,7 @@ use crate::solve::SolveParams;
 use crate::solver::{SolverParams, spread_error};
 
 use gathers::{Gathers, Vertices};
+use seams::Seams;
 use spots::Spots;
 
 /// Patch values at the vertices of the draft: means over the base triangles around, then along the hierarchy.
@@ -207,9 +209,9 @@ pub(crate) fn final_gather(
     let irradiance = sight.with(&looked_at);
     let light = DiffuseLight { mesh, irradiance: &irradiance };
     let inside = gathers.inside(&light, &samples, &vertices, &spots, &budget);
-    let ((), fit_mesh) = rayon::join(
+    let ((), seams) = rayon::join(
         || gathers.lead(&light, &mut vertices, &spots, &budget),
-        || FitMesh::new(&gathers.displayed.mesh),
+        || Seams::new(lights.tracer(), draft, &gathers.displayed, hidden, spacing),
     );
     if progress.is_cancelled() {
         return Err(Cancelled);
@@ -218,7 +220,7 @@ pub(crate) fn final_gather(
     let FitParams { smoothing, balance, .. } = params.gather_fit;
     let fit_params =
         FitParams { smoothing: smoothing * spacing, balance: balance * spacing, ..params.gather_fit };
-    let mut terms = fit_terms(&gathers, &fit_mesh, &samples, &inside.gathered, &vertices, &fit_params);
+    let mut terms = fit_terms(&gathers, seams.as_ref(), &samples, &inside.gathered, &vertices, &fit_params);
 
     // What was found beyond what was seen is missing from all further reflections.
     let looked_at = sight.at_gathers(&looked_at);
@@ -228,7 +230,10 @@ pub(crate) fn final_gather(
         .map(|(terms, seen)| terms.map_or(*seen, |t| t.iter().copied().sum::<Rgb>()))
         .collect();
     let lack = difference(&found, &looked_at);
-    let more = spread(draft, coarse.patches, &coarse.onward(draft, &lack, &params.solver));
+    let mut more = spread(draft, coarse.patches, &coarse.onward(draft, &lack, &params.solver));
+    if let Some(seams) = &seams {
+        seams.even(&mut more, &gathers.displayed.origin);
+    }
     for (terms, more) in terms.iter_mut().zip(&more) {
         if let Some([.., indirect]) = terms {
             *indirect = (*indirect + *more).max(Rgb::ZERO);
@@ -283,13 +288,14 @@ const SETTLED: f64 = 1e-3;
 /// Fits each term: direct, mirrored, caustic and indirect per draft vertex.
 fn fit_terms(
     gathers: &Gathers,
-    fit_mesh: &FitMesh,
+    seams: Option<&Seams>,
     samples: &[FitSample],
     inside: &[Gathered],
     vertices: &Vertices,
     params: &FitParams,
 ) -> Vec<Option<[Rgb; 4]>> {
     let Displayed { mesh, origin, .. } = &gathers.displayed;
+    let mesh = seams.map_or(mesh, Seams::mesh);
     let mut terms: Vec<Option<[Rgb; 4]>> = vec![None; gathers.draft.vertices.len()];
     for &v in origin {
         terms[v as usize] = Some([Rgb::ZERO; 4]);
@@ -299,15 +305,19 @@ fn fit_terms(
         let value = |g: &Gathered| [g.direct, g.mirrored, g.caustic, g.indirect][term];
         let values: Vec<Rgb> = inside.iter().map(value).collect();
         let prior: Vec<Rgb> = vertices.gathered.iter().map(value).collect();
+        let prior = seams.map(|seams| seams.means(&prior, &vertices.trust)).unwrap_or(prior);
         let is_lit = prior.iter().chain(&values).any(|v| *v != Rgb::ZERO);
         is_lit.then_some((term, values, prior))
     };
     let lit: Vec<(usize, Vec<Rgb>, Vec<Rgb>)> = (0..4).filter_map(found).collect();
     let together: Vec<FitTerm> = lit.iter().map(|(_, values, prior)| FitTerm { values, prior }).collect();
     let noise: Vec<f32> = vertices.gathered.iter().map(|g| g.noise).collect();
-    let trust = trusted(mesh, &vertices.trust, &noise);
-    let fitted = fit(fit_mesh, samples, &together, &trust, &noise, params);
+    let noise = seams.map(|seams| seams.variances(&noise, &vertices.trust)).unwrap_or(noise);
+    let trust = seams.map_or_else(|| vertices.trust.clone(), |seams| seams.trust(&vertices.trust));
+    let trust = trusted(mesh, &trust, &noise);
+    let fitted = fit(&FitMesh::new(mesh), samples, &together, &trust, &noise, params);
     for ((term, ..), fitted) in lit.iter().zip(fitted) {
+        let fitted = seams.map_or_else(|| fitted.clone(), |seams| seams.parted(&fitted));
         for (&v, fitted) in origin.iter().zip(fitted) {
             if let Some(terms) = &mut terms[v as usize] {
                 terms[*term] = fitted;
