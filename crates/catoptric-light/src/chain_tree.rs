@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 use catoptric_trace::plane::Plane;
 
 use crate::chains::{Aperture, ImageChain, Reflector};
-use crate::contour::Polygon;
+use crate::contour::{MAX_CORNERS, Polygon};
 
 /// A mirror behind those on the way to it.
 #[derive(Clone, Debug)]
@@ -61,21 +61,22 @@ impl ChainTree {
     /// The chains over which something may be seen from a position above the plane of `geometric`, by their indices, ascending.
     pub(crate) fn seen_from(&self, position: DVec3, geometric: DVec3, seen: &mut Vec<u32>) {
         seen.clear();
-        let horizon = [Some(geometric)];
+        let horizon = [geometric];
         for &node in &self.first {
             self.follow(node, position, &horizon, seen);
         }
         seen.sort_unstable();
     }
 
-    fn follow(&self, node: u32, position: DVec3, beam: &[Option<DVec3>], seen: &mut Vec<u32>) {
-        let Node { window, sides, chain, children, .. } = &self.nodes[node as usize];
-        if !sides.iter().any(|&(normal, offset, both)| both || normal.dot(position) > offset) {
+    fn follow(&self, node: u32, position: DVec3, beam: &[DVec3], seen: &mut Vec<u32>) {
+        let node = &self.nodes[node as usize];
+        if !node.reflects_towards(position) {
             return;
         }
+        let Node { window, chain, children, .. } = node;
         // Most planes cut nothing off, or all: half a kilobyte need not be moved.
         let mut part: Option<Polygon> = None;
-        for normal in beam.iter().flatten() {
+        for normal in beam {
             let (known, offset) = (part.as_ref().unwrap_or(window), normal.dot(position) - SLACK);
             let inside = known.corners().iter().filter(|c| normal.dot(**c) - offset >= 0.0).count();
             if inside == known.corners().len() {
@@ -91,16 +92,27 @@ impl ChainTree {
             part = Some(rest);
         }
         seen.extend(chain);
-        if !children.is_empty() {
-            let beam = part.as_ref().unwrap_or(window).sight_planes(position);
+        if children.iter().any(|&child| self.nodes[child as usize].reflects_towards(position)) {
+            let mut beam = [DVec3::ZERO; MAX_CORNERS];
+            let mut sides = 0;
+            for (side, normal) in beam.iter_mut().zip(part.as_ref().unwrap_or(window).sight_planes(position))
+            {
+                *side = normal;
+                sides += 1;
+            }
             for &child in children {
-                self.follow(child, position, &beam, seen);
+                self.follow(child, position, &beam[..sides], seen);
             }
         }
     }
 }
 
 impl Node {
+    /// Whether a side of it that reflects is turned to a position.
+    fn reflects_towards(&self, position: DVec3) -> bool {
+        self.sides.iter().any(|&(normal, offset, both)| both || normal.dot(position) > offset)
+    }
+
     fn new<'p>(
         reflector: usize,
         mirror: &Reflector,

@@ -64,17 +64,14 @@ impl Polygon {
         clip(self.corners(), |c| normal.dot(c) - offset, DVec3::lerp, |corner| result.push(corner));
     }
 
-    /// Unit normals, towards the polygon, of the planes through `eye` and each edge.
-    pub fn sight_planes(&self, eye: DVec3) -> [Option<DVec3>; MAX_CORNERS] {
+    /// Unit normals, towards the polygon, of the planes through `eye` and each edge that is not seen end-on.
+    pub fn sight_planes(&self, eye: DVec3) -> impl Iterator<Item = DVec3> {
         let corners = self.corners();
         let center = corners.iter().copied().sum::<DVec3>() / corners.len().max(1) as f64;
-        let mut planes = [None; MAX_CORNERS];
-        for (index, &a) in corners.iter().enumerate() {
-            let b = corners[(index + 1) % corners.len()];
-            let normal = (a - eye).cross(b - eye).try_normalize();
-            planes[index] = normal.map(|n| if n.dot(center - eye) < 0.0 { -n } else { n });
-        }
-        planes
+        corners.iter().zip(corners.iter().cycle().skip(1)).filter_map(move |(&a, &b)| {
+            let normal = (a - eye).cross(b - eye).try_normalize()?;
+            Some(if normal.dot(center - eye) < 0.0 { -normal } else { normal })
+        })
     }
 
     /// Its vector area: half the sum of cross products, along its normal.
@@ -370,7 +367,7 @@ mod tests {
         let screen = rectangle(DVec3::new(-10.0, -10.0, 2.0), DVec3::X * 20.0, DVec3::Y * 20.0);
         let window = rectangle(DVec3::new(0.1, 0.2, 1.0), DVec3::X * 0.3, DVec3::Y * 0.4);
         let mut part = screen;
-        for normal in window.sight_planes(DVec3::ZERO).into_iter().flatten() {
+        for normal in window.sight_planes(DVec3::ZERO) {
             part = part.clipped(normal, 0.0);
         }
         assert!((part.vector_area().length() - 0.3 * 0.4 * 4.0).abs() < 1e-12);

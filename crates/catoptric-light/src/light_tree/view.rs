@@ -24,7 +24,9 @@ impl Windows {
 
     /// Adds the window of `outlines`, all of which must be passed, seen from `eye`.
     pub fn add(&mut self, eye: DVec3, outlines: &[Polygon]) {
-        self.normals.extend(outlines.iter().flat_map(|outline| outline.sight_planes(eye)).flatten());
+        for outline in outlines {
+            self.normals.extend(outline.sight_planes(eye));
+        }
         self.ends.push(self.normals.len());
     }
 
