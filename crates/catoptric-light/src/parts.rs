@@ -64,11 +64,50 @@ impl HalfPlane {
 /// Corners of a blocker at most: a quadrilateral between two planes.
 pub(crate) const MAX_BLOCKER: usize = 6;
 
+/// A rectangle along the axes of a plane.
+#[derive(Clone, Copy, Debug)]
+struct Bounds {
+    low: DVec2,
+    high: DVec2,
+}
+
+impl Default for Bounds {
+    fn default() -> Self {
+        Self { low: DVec2::INFINITY, high: DVec2::NEG_INFINITY }
+    }
+}
+
+impl Bounds {
+    const EVERYTHING: Self = Self { low: DVec2::NEG_INFINITY, high: DVec2::INFINITY };
+
+    fn around(corners: &[DVec2]) -> Self {
+        let mut bounds = Self::default();
+        for &corner in corners {
+            bounds.add(corner);
+        }
+        bounds
+    }
+
+    #[inline]
+    fn add(&mut self, point: DVec2) {
+        (self.low, self.high) = (self.low.min(point), self.high.max(point));
+    }
+
+    #[inline]
+    fn is_apart(&self, other: &Self) -> bool {
+        self.low.cmpgt(other.high).any() || other.low.cmpgt(self.high).any()
+    }
+}
+
+/// Bounds of a shadow are wider by this share than they are found to be: rounding.
+const MARGIN: f64 = 1e-7;
+
 /// The region of a polygon's plane that a blocker hides from an eye.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Shadow {
     sides: [HalfPlane; MAX_BLOCKER],
     count: usize,
+    bounds: Bounds,
 }
 
 impl Shadow {
@@ -93,7 +132,24 @@ impl Shadow {
                 offset: normal.dot(to_origin),
             };
         }
+        shadow.bounds = Self::bounds(blocker, eye, frame);
         Some(shadow)
+    }
+
+    /// Around where its corners are seen in the plane.
+    fn bounds(blocker: &[DVec3], eye: DVec3, frame: &Frame) -> Bounds {
+        let normal = frame.axes[0].cross(frame.axes[1]);
+        let distance = normal.dot(frame.origin - eye);
+        let mut bounds = Bounds::default();
+        for &corner in blocker {
+            let share = normal.dot(corner - eye) / distance;
+            if share.is_nan() || share <= 0.0 {
+                return Bounds::EVERYTHING;
+            }
+            bounds.add(frame.at(eye + (corner - eye) / share));
+        }
+        let margin = (bounds.high - bounds.low) * MARGIN;
+        Bounds { low: bounds.low - margin, high: bounds.high + margin }
     }
 
     fn sides(&self) -> &[HalfPlane] {
@@ -121,12 +177,14 @@ pub(crate) struct Parts {
 struct Pieces {
     corners: Vec<DVec2>,
     ends: Vec<usize>,
+    bounds: Vec<Bounds>,
 }
 
 impl Pieces {
     fn clear(&mut self) {
         self.corners.clear();
         self.ends.clear();
+        self.bounds.clear();
     }
 
     fn range(&self, index: usize) -> Range<usize> {
@@ -140,7 +198,30 @@ impl Pieces {
 
     fn push(&mut self, corners: &[DVec2]) {
         self.corners.extend_from_slice(corners);
+        self.end();
+    }
+
+    /// Ends a piece with the corners that have been added.
+    fn end(&mut self) {
+        let start = self.ends.last().copied().unwrap_or(0);
         self.ends.push(self.corners.len());
+        self.bounds.push(Bounds::around(&self.corners[start..]));
+    }
+
+    /// Takes the first pieces of another list.
+    fn take(&mut self, other: &Self, count: usize) {
+        self.clear();
+        let corners = if count > 0 { other.ends[count - 1] } else { 0 };
+        self.corners.extend_from_slice(&other.corners[..corners]);
+        self.ends.extend_from_slice(&other.ends[..count]);
+        self.bounds.extend_from_slice(&other.bounds[..count]);
+    }
+
+    /// Drops all pieces but the first ones.
+    fn truncate(&mut self, count: usize) {
+        self.ends.truncate(count);
+        self.bounds.truncate(count);
+        self.corners.truncate(self.ends.last().copied().unwrap_or(0));
     }
 }
 
@@ -151,7 +232,7 @@ impl Parts {
         self.frame = frame;
         self.now.clear();
         self.now.corners.extend(polygon.iter().map(|&corner| frame.at(corner)));
-        self.now.ends.push(polygon.len());
+        self.now.end();
         self.tiny = TINY * area(&self.now.corners);
         Some(())
     }
@@ -163,19 +244,22 @@ impl Parts {
 
     /// Leaves what is not in the shadow; `false` if that falls into too many parts.
     pub(crate) fn remove(&mut self, shadow: &Shadow) -> bool {
-        let is_outside =
-            |part: &[DVec2]| shadow.sides().iter().any(|s| part.iter().all(|&c| s.height(c) <= 0.0));
-        let Some(first) = self.now.iter().position(|part| !is_outside(part)) else { return true };
+        let is_outside = |part: &[DVec2], bounds: &Bounds| {
+            shadow.bounds.is_apart(bounds)
+                || shadow.sides().iter().any(|s| part.iter().all(|&c| s.height(c) <= 0.0))
+        };
+        let touched = |pieces: &Pieces| {
+            pieces.iter().zip(&pieces.bounds).position(|(part, bounds)| !is_outside(part, bounds))
+        };
+        let Some(first) = touched(&self.now) else { return true };
         let Self { now, next, rest: [rest, spare], tiny, .. } = self;
-        next.clear();
-        next.ends.extend_from_slice(&now.ends[..first]);
-        next.corners.extend_from_slice(&now.corners[..now.range(first).start]);
-        for (index, part) in now.iter().enumerate().skip(first) {
-            if index > first && is_outside(part) {
+        next.take(now, first);
+        for (index, (part, bounds)) in now.iter().zip(&now.bounds).enumerate().skip(first) {
+            if index > first && is_outside(part, bounds) {
                 next.push(part);
                 continue;
             }
-            let (corners, ends) = (next.corners.len(), next.ends.len());
+            let whole = next.ends.len();
             rest.clear();
             rest.extend_from_slice(part);
             for side in shadow.sides() {
@@ -185,7 +269,7 @@ impl Parts {
                 let start = next.corners.len();
                 clip(rest, |c| -side.height(c), DVec2::lerp, |c| next.corners.push(c));
                 if area(&next.corners[start..]) > *tiny {
-                    next.ends.push(next.corners.len());
+                    next.end();
                 } else {
                     next.corners.truncate(start);
                 }
@@ -198,8 +282,7 @@ impl Parts {
             }
             if rest.len() < 3 || area(rest) <= *tiny {
                 // Nothing is hidden: the part stays whole.
-                next.corners.truncate(corners);
-                next.ends.truncate(ends);
+                next.truncate(whole);
                 next.push(part);
             }
         }
