@@ -10,22 +10,13 @@ Embree comes from the PyPI package embreex, in the environment out/bench-venv; n
 """
 import argparse, ctypes, datetime, glob, json, os, subprocess, sys, threading, time
 
+from measure import in_venv
+
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(HERE)
 PACKAGES = ['embreex==4.4.0.post1', 'numpy']
 RUNS = 5
 CHUNK = 4096
-
-
-def in_venv(venv):
-    python = os.path.join(venv, 'bin', 'python')
-    if os.path.abspath(sys.prefix) == os.path.abspath(venv):
-        return
-    if not os.path.exists(os.path.join(venv, 'embree')):
-        subprocess.check_call([sys.executable, '-m', 'venv', venv])
-        subprocess.check_call([python, '-m', 'pip', 'install', '--quiet', *PACKAGES])
-        open(os.path.join(venv, 'embree'), 'w').close()
-    os.execv(python, [python, os.path.abspath(__file__), *sys.argv[1:]])
 
 
 def load_embree(out):
@@ -93,7 +84,7 @@ def main():
     ap.add_argument('--venv', default=os.path.join(ROOT, 'out', 'bench-venv'))
     ap.add_argument('--profile', default='release', help='of cargo, for trying things out')
     a = ap.parse_args()
-    in_venv(a.venv)
+    in_venv(a.venv, PACKAGES)
     import numpy as np
     a.out = os.path.abspath(a.out)
     os.makedirs(a.out, exist_ok=True)

@@ -11,6 +11,8 @@ library of version 17 or newer (Debian: libllvm19). Method: bench/README.md.
 """
 import argparse, datetime, json, math, os, platform, shutil, subprocess, sys, tempfile, time
 
+from measure import in_venv
+
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(HERE)
 PACKAGES = ['mitsuba==3.9.1', 'numpy', 'matplotlib', 'pyoidn']
@@ -35,18 +37,6 @@ def arguments():
     ap.add_argument('--venv', default=os.path.join(ROOT, 'out', 'bench-venv'))
     ap.add_argument('--plot-only', action='store_true', help='table and plots again from results.json')
     return ap.parse_args()
-
-
-def in_venv(a):
-    """Makes the environment if there is none and runs this script in it."""
-    python = os.path.join(a.venv, 'bin', 'python')
-    if os.path.abspath(sys.prefix) == os.path.abspath(a.venv):
-        return
-    if not os.path.exists(os.path.join(a.venv, 'complete')):
-        subprocess.check_call([sys.executable, '-m', 'venv', a.venv])
-        subprocess.check_call([python, '-m', 'pip', 'install', '--quiet', *PACKAGES])
-        open(os.path.join(a.venv, 'complete'), 'w').close()
-    os.execv(python, [python, os.path.abspath(__file__), *sys.argv[1:]])
 
 
 # -------------------------------------------------------------------------------------------------------------- measure
@@ -287,7 +277,7 @@ def plot(results, out, which):
 
 def main():
     a = arguments()
-    in_venv(a)
+    in_venv(a.venv, PACKAGES)
     a.out = os.path.abspath(a.out)
     os.makedirs(a.out, exist_ok=True)
     if not a.plot_only:

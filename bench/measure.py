@@ -23,6 +23,20 @@ def example(name):
     return os.path.join(target(), profile, 'examples', name)
 
 
+def in_venv(venv, packages):
+    """Makes a Python environment with some packages if there is none, and runs this script in it."""
+    python = os.path.join(venv, 'bin', 'python')
+    if os.path.abspath(sys.prefix) == os.path.abspath(venv):
+        return
+    # Scripts may share one: each has its own mark.
+    mark = os.path.join(venv, 'with-' + packages[0].split('=')[0])
+    if not os.path.exists(mark):
+        subprocess.check_call([sys.executable, '-m', 'venv', venv])
+        subprocess.check_call([python, '-m', 'pip', 'install', '--quiet', *packages])
+        open(mark, 'w').close()
+    os.execv(python, [python, os.path.abspath(sys.argv[0]), *sys.argv[1:]])
+
+
 def machine():
     """-> the date, and on what"""
     model = next((line.split(':', 1)[1].strip() for line in open('/proc/cpuinfo') if line.startswith('model name')), 'unknown processor')
