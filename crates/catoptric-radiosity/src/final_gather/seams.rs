@@ -16,6 +16,8 @@ use crate::draft::Draft;
 const NEAR: f32 = 1e-3;
 /// … unless something stands between them that is higher than this.
 const LIFT: f32 = 0.01;
+/// Cosine of the angle within which edges have one direction.
+const ALONG: f32 = 0.999;
 
 /// A mesh in which such faces hang together.
 pub(super) struct Seams {
@@ -28,9 +30,6 @@ pub(super) struct Seams {
 
 /// Where vertices must agree to be one: plane and the side of it, medium, what covers the surface, and place.
 type Key = (PlaneId, bool, MediumId, u32, [i64; 3]);
-
-/// Cosine of the angle within which edges have one direction.
-const ALONG: f32 = 0.999;
 
 /// Where a vertex is, and the unit vectors along its edges.
 #[derive(Clone, Debug)]
@@ -69,37 +68,8 @@ impl Seams {
                 face_of[v as usize] = draft.leaves[leaves[index as usize] as usize].face;
             }
         }
-        let mut places: BTreeMap<Key, Vec<u32>> = BTreeMap::new();
-        for (v, &from) in (0_u32..).zip(origin) {
-            let vertex = &draft.vertices[from as usize];
-            let Some(face) = draft.faces.get(face_of[v as usize] as usize).filter(|face| !face.curved) else {
-                continue;
-            };
-            if hidden[from as usize] {
-                continue;
-            }
-            let along = tracer.planes().plane(face.plane).normal.dot(vertex.normal.as_dvec3()) > 0.0;
-            let coat = if tracer.is_lambertian(vertex.triangle) {
-                u32::MAX
-            } else {
-                tracer.scene().material_id_of(vertex.triangle).0
-            };
-            let cell = |c: f32| (f64::from(c) / f64::from(NEAR * spacing)).round() as i64;
-            let place = vertex.position.to_array().map(cell);
-            places.entry((face.plane, along, vertex.medium, coat, place)).or_default().push(v);
-        }
-        places.retain(|_, vertices| vertices.len() > 1);
-        let mut edges: BTreeMap<u32, Vec<Vec3>> =
-            places.values().flatten().map(|&v| (v, Vec::new())).collect();
-        for element in &mesh.elements {
-            for (k, v) in element.vertices.iter().enumerate() {
-                if let Some(edges) = edges.get_mut(v) {
-                    let at = |v: u32| mesh.vertices[v as usize].position;
-                    let ends = [1, 2].map(|step| element.vertices[(k + step) % 3]);
-                    edges.extend(ends.map(|end| (at(end) - at(*v)).normalize_or_zero()));
-                }
-            }
-        }
+        let places = places(tracer, draft, origin, &face_of, hidden, spacing);
+        let edges = edges_at(mesh, &places);
         let end = |v: u32| {
             let vertex = &draft.vertices[origin[v as usize] as usize];
             let above = vertex.sample + vertex.normal * (LIFT * spacing);
@@ -107,7 +77,7 @@ impl Seams {
         };
         let sees = |a: Vec3, b: Vec3| tracer.visibility(a, PlaneId::NONE, b, PlaneId::NONE) != Rgb::ZERO;
         let mut of: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
-        for vertices in places.values() {
+        for vertices in &places {
             let mut knots: Vec<Vec<End>> = Vec::new();
             for own in vertices.iter().map(|&v| end(v)) {
                 // On either side of what stands on the seam there are vertices of each face: those that see each other, the nearest first.
@@ -196,6 +166,53 @@ impl Seams {
     pub(super) fn parted(&self, values: &[Rgb]) -> Vec<Rgb> {
         self.of.iter().map(|&v| values[v as usize]).collect()
     }
+}
+
+/// Vertices of flat faces that are at one place, ascending, and may be one: `origin` and `face_of` are their draft vertices and faces.
+fn places(
+    tracer: &Tracer,
+    draft: &Draft,
+    origin: &[u32],
+    face_of: &[u32],
+    hidden: &[bool],
+    spacing: f32,
+) -> Vec<Vec<u32>> {
+    let mut places: BTreeMap<Key, Vec<u32>> = BTreeMap::new();
+    for ((v, &from), &face) in (0_u32..).zip(origin).zip(face_of) {
+        let vertex = &draft.vertices[from as usize];
+        let Some(face) = draft.faces.get(face as usize).filter(|face| !face.curved) else { continue };
+        if hidden[from as usize] {
+            continue;
+        }
+        let along = tracer.planes().plane(face.plane).normal.dot(vertex.normal.as_dvec3()) > 0.0;
+        let coat = if tracer.is_lambertian(vertex.triangle) {
+            u32::MAX
+        } else {
+            tracer.scene().material_id_of(vertex.triangle).0
+        };
+        let cell = |c: f32| (f64::from(c) / f64::from(NEAR * spacing)).round() as i64;
+        let place = vertex.position.to_array().map(cell);
+        places.entry((face.plane, along, vertex.medium, coat, place)).or_default().push(v);
+    }
+    places.into_values().filter(|vertices| vertices.len() > 1).collect()
+}
+
+/// Unit vectors along the edges of elements at vertices of some places, by vertex.
+fn edges_at(mesh: &DisplayMesh, places: &[Vec<u32>]) -> BTreeMap<u32, Vec<Vec3>> {
+    let mut edges: BTreeMap<u32, Vec<Vec3>> = places.iter().flatten().map(|&v| (v, Vec::new())).collect();
+    if edges.is_empty() {
+        return edges;
+    }
+    let at = |v: u32| mesh.vertices[v as usize].position;
+    for element in &mesh.elements {
+        for (k, v) in element.vertices.iter().enumerate() {
+            if let Some(edges) = edges.get_mut(v) {
+                let ends = [1, 2].map(|step| element.vertices[(k + step) % 3]);
+                edges.extend(ends.map(|end| (at(end) - at(*v)).normalize_or_zero()));
+            }
+        }
+    }
+    edges
 }
 
 #[cfg(test)]
