@@ -29,7 +29,7 @@ RUNS = {
     'view_mirror': (['render', 'mirror.glb', '-o', 'mirror.exr', '--size', '256', *DRAFT], 'solve_mirror'),
     'view_glass': (['render', 'glass.glb', '-o', 'glass.exr', '--size', '256', *DRAFT], 'solve_glass'),
     'view_pixels': (['render', 'mirror.glb', '-o', 'pixels.exr', '--direct', 'pixels', '--size', '128', *DRAFT], 'solve_mirror'),
-    # Reading a large file, and its tree.
+    # Reading a large file, its tree, and the cut into faces by which `info` says what pass one costs.
     'read_interior': (['info', 'interior'], None),
     # Kernels: the contour formula, walks, hemicubes, points on pairs of patches.
     'factors_analytic': (['form-factors', 'cornell_box', '-o', 'F.csv', '--method', 'analytic', '--tolerance', '0.01', '--threads', '1', '--quiet'], None),
