@@ -153,6 +153,11 @@ impl<'a> Beam<'a> {
         let center = corners.iter().copied().sum::<DVec3>() / corners.len().max(1) as f64;
         let margin = MARGIN * Ball::around(corners.iter().copied()).radius;
         let way = |corner: DVec3| self.origin().map_or(self.direction(), |origin| corner - origin);
+        // A light in the window's own plane, as one that is mounted on a mirror, has no planes through it and the edges that say more.
+        let (across, along) = (window.vector_area().normalize_or_zero(), way(center));
+        if across.dot(along).abs() <= MARGIN * along.length() {
+            return;
+        }
         let ends = corners.iter().zip(corners.iter().cycle().skip(1));
         let side = |(&a, &b): (&DVec3, &DVec3)| {
             let normal = (b - a).cross(way(a)).try_normalize()?;
