@@ -130,6 +130,9 @@ impl<'a> Beam<'a> {
         for &(normal, offset) in &self.sides {
             part = part.clipped(normal, offset);
         }
+        if part.is_empty() {
+            return part;
+        }
         let ball = Ball::around(part.corners().iter().copied());
         let is_off = self.origin().is_some_and(|origin| {
             let towards = ball.center - origin;

@@ -208,11 +208,13 @@ pub(crate) fn final_gather(
     let looked_at = solved(&gathers, sight, &coarse_seen, &mut vertices);
     let irradiance = sight.with(&looked_at);
     let light = DiffuseLight { mesh, irradiance: &irradiance };
-    let inside = gathers.inside(&light, &samples, &vertices, &spots, &budget);
-    let ((), seams) = rayon::join(
-        || gathers.lead(&light, &mut vertices, &spots, &budget),
+    let (inside, seams) = rayon::join(
+        || gathers.inside(&light, &samples, &vertices, &spots, &budget),
         || Seams::new(lights.tracer(), draft, &gathers.displayed, hidden, spacing),
     );
+    let fitted_mesh = seams.as_ref().map_or(&gathers.displayed.mesh, Seams::mesh);
+    let ((), fit_mesh) =
+        rayon::join(|| gathers.lead(&light, &mut vertices, &spots, &budget), || FitMesh::new(fitted_mesh));
     if progress.is_cancelled() {
         return Err(Cancelled);
     }
@@ -220,7 +222,8 @@ pub(crate) fn final_gather(
     let FitParams { smoothing, balance, .. } = params.gather_fit;
     let fit_params =
         FitParams { smoothing: smoothing * spacing, balance: balance * spacing, ..params.gather_fit };
-    let mut terms = fit_terms(&gathers, seams.as_ref(), &samples, &inside.gathered, &vertices, &fit_params);
+    let mut terms =
+        fit_terms(&gathers, (&fit_mesh, seams.as_ref()), &samples, &inside.gathered, &vertices, &fit_params);
 
     // What was found beyond what was seen is missing from all further reflections.
     let looked_at = sight.at_gathers(&looked_at);
@@ -288,7 +291,7 @@ const SETTLED: f64 = 1e-3;
 /// Fits each term: direct, mirrored, caustic and indirect per draft vertex.
 fn fit_terms(
     gathers: &Gathers,
-    seams: Option<&Seams>,
+    (fit_mesh, seams): (&FitMesh, Option<&Seams>),
     samples: &[FitSample],
     inside: &[Gathered],
     vertices: &Vertices,
@@ -315,9 +318,9 @@ fn fit_terms(
     let noise = seams.map(|seams| seams.variances(&noise, &vertices.trust)).unwrap_or(noise);
     let trust = seams.map_or_else(|| vertices.trust.clone(), |seams| seams.trust(&vertices.trust));
     let trust = trusted(mesh, &trust, &noise);
-    let fitted = fit(&FitMesh::new(mesh), samples, &together, &trust, &noise, params);
+    let fitted = fit(fit_mesh, samples, &together, &trust, &noise, params);
     for ((term, ..), fitted) in lit.iter().zip(fitted) {
-        let fitted = seams.map_or_else(|| fitted.clone(), |seams| seams.parted(&fitted));
+        let fitted = seams.map(|seams| seams.parted(&fitted)).unwrap_or(fitted);
         for (&v, fitted) in origin.iter().zip(fitted) {
             if let Some(terms) = &mut terms[v as usize] {
                 terms[*term] = fitted;
