@@ -374,14 +374,24 @@ fn rays_go_where_walls_leave_a_window() {
     assert!(deviation < 1.2 / 32_f64.sqrt(), "{deviation}");
 }
 
-/// A lamp behind a card, a hundred times as bright as a window that is seen at a grazing angle past a bar: the window is all the light.
+/// Lamps behind a card, a hundred times as bright as a window that is seen at a grazing angle past a bar: the window is all the light.
 #[test]
 fn where_the_brightest_is_hidden_the_rest_is_as_exact() {
+    brightest_hidden(1, [Samples::from(16), Samples::exact(8)]);
+    // Of so many sources the window would share its rays with others, as long as it seems to be little of the light.
+    brightest_hidden(9, [Samples::from(16), Samples::exact(32)]);
+}
+
+fn brightest_hidden(lamps: u8, samples: [Samples; 2]) {
     let mut parts = SceneParts::default();
     let glowing = |strength: f32| Material::emitter("glowing", Radiance(Rgb::splat(strength)));
     let (bright, dim) = (parts.add_material(glowing(1000.0)), parts.add_material(glowing(10.0)));
     let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
-    parts.add_quad("lamp", bright, Vec3::new(-0.2, 2.0, -0.2), Vec3::X * 0.4, Vec3::Z * 0.4);
+    let width = 0.4 / f32::from(lamps);
+    for lamp in 0..lamps {
+        let (left, height) = (-0.2 + f32::from(lamp) * width, 2.0 + 0.01 * f32::from(lamp));
+        parts.add_quad("lamp", bright, Vec3::new(left, height, -0.2), Vec3::X * width, Vec3::Z * 0.4);
+    }
     parts.add_quad("card", white, Vec3::new(-0.3, 1.9, -0.3), Vec3::X * 0.6, Vec3::Z * 0.6);
     parts.add_quad("window", dim, Vec3::new(-1.0, -0.5, -1.5), Vec3::X * 2.0, Vec3::Y * 0.8);
     parts.add_quad("bar", white, Vec3::new(-0.1, -0.5, -1.4), Vec3::X * 0.2, Vec3::Y * 0.8);
@@ -399,10 +409,13 @@ fn where_the_brightest_is_hidden_the_rest_is_as_exact() {
     // Nothing cut out: all rays. Their stratified shares are off by about n^(−3/4), 7e-4; one key in ten thousand by four times that.
     let (expected, open) = ask(Samples { shadows: 0, ..Samples::from(1 << 14) }, 0);
     assert!(expected > 0.01 && open > 50.0 * expected, "{expected} of {open}");
-    for samples in [Samples::from(16), Samples::exact(8)] {
+    for samples in samples {
         for key in 1..9 {
             let (found, _) = ask(samples, key);
-            assert!((found / expected - 1.0).abs() < 3e-3, "{samples:?}: {found}, expected {expected}");
+            assert!(
+                (found / expected - 1.0).abs() < 3e-3,
+                "{lamps} lamps, {samples:?}: {found}, expected {expected}"
+            );
         }
     }
 }

@@ -348,7 +348,6 @@ impl<'a> Lights<'a> {
                 .map_or(1.0, |chain| self.chains.reflectance(chain, found.towards(at.image.position)));
             let known = known_light / reflected;
             // Large pieces get strata of their own, small ones share.
-            let share = f64::from(samples) / (whole + known);
             let mut leftover = 0.0;
             let targets = (found.pieces.len() + found.lamps.len()) as u32;
             let each = shadows.div_ceil(targets.max(2));
@@ -362,13 +361,18 @@ impl<'a> Lights<'a> {
             let mut all = whole + known;
             let worth = |all: f64| (HIDDEN * all).min(whole + known);
             for &(weight, index) in &order {
-                let part = index.checked_sub(LAMPS).map(|lamp| &found.lamps[lamp as usize]);
-                if part.is_none_or(|part| part.is_flat) && found.shares(weight * share) {
+                let worth = worth(all).max(weight);
+                let due = f64::from(samples) * weight / worth;
+                let lamp = index.checked_sub(LAMPS).map(|lamp| lamp as usize);
+                if lamp.is_none_or(|lamp| found.lamps[lamp].is_flat) && found.is_shared(due) {
+                    match lamp {
+                        None => found.pieces[index as usize].shares = true,
+                        Some(lamp) => found.lamps[lamp].shares = true,
+                    }
                     leftover += weight;
                     continue;
                 }
-                let worth = worth(all).max(weight);
-                let due = f64::from(samples) * weight / worth;
+                let part = lamp.map(|lamp| &found.lamps[lamp]);
                 let budget = |count: u32| Budget {
                     count: match count {
                         ..2 if at.chain.is_some() => least,

@@ -27,6 +27,8 @@ pub(super) struct Piece {
     pub unit: f64,
     /// By its radiance, the sum of channels.
     pub weight: f64,
+    /// Its samples are drawn together with those of others.
+    pub shares: bool,
 }
 
 impl Piece {
@@ -50,6 +52,8 @@ pub(super) struct LampPart {
     pub unit: f64,
     /// By its radiance, the sum of channels.
     pub weight: f64,
+    /// Its samples are drawn together with those of others.
+    pub shares: bool,
 }
 
 impl LampPart {
@@ -83,9 +87,9 @@ impl Found {
         self.lamps.len() + self.pieces.len() + groups <= 4
     }
 
-    /// Whether what is due so many samples draws them together with others.
-    pub(super) fn shares(&self, expected: f64) -> bool {
-        expected < OWN_STRATA && !self.is_few()
+    /// Whether what is due so many samples is to draw them together with others.
+    pub(super) fn is_shared(&self, due: f64) -> bool {
+        due < OWN_STRATA && !self.is_few()
     }
 
     /// Irradiance of the groups, the sum of channels.
@@ -199,7 +203,16 @@ impl Lights<'_> {
                             corners.extend(seen);
                             let range = start..corners.len();
                             let (lamp, is_flat) = (index as u32, lamp.plane().is_some());
-                            lamps.push(LampPart { lamp, is_flat, corners: range, axis, unit, weight });
+                            let shares = false;
+                            lamps.push(LampPart {
+                                lamp,
+                                is_flat,
+                                corners: range,
+                                axis,
+                                unit,
+                                weight,
+                                shares,
+                            });
                         }
                     };
                     if windows.is_empty() {
@@ -255,7 +268,7 @@ impl Lights<'_> {
                 } else {
                     (polygon, whole)
                 };
-                visit(Piece { polygon, cell: index, whole, unit, weight });
+                visit(Piece { polygon, cell: index, whole, unit, weight, shares: false });
             }
         };
         // What is all outside is told without a copy.

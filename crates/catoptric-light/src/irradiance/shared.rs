@@ -84,9 +84,9 @@ impl Lights<'_> {
         let mut result = SourceIrradiance::DARK;
         let key = key.child(0xffff);
         let mut systematic = Systematic::new(total, total * share, samples, key);
-        let flat = found.lamps.iter().filter(|l| l.is_flat && found.shares(l.weight * share));
+        let flat = found.lamps.iter().filter(|l| l.shares);
         let lamps = flat.map(|l| (Shared::Lamp(l), l.weight));
-        let pieces = found.pieces.iter().filter(|p| found.shares(p.weight * share));
+        let pieces = found.pieces.iter().filter(|p| p.shares);
         let pieces = pieces.map(|p| (Shared::Piece(p), p.weight));
         let small = found.small.iter().map(|s| (Shared::Small(s.0), s.1));
         let bundles = found.bundles.iter().map(|b| (Shared::Bundle(b.0, b.1), f64::from(b.1.element_sum())));
