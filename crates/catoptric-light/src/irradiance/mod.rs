@@ -144,6 +144,8 @@ pub struct Samples {
     pub shadows: u32,
     /// Of a source over mirrors at least: chains are many, and one is enough where the places around smooth what it finds.
     pub least: u32,
+    /// Sources share their samples, and have no shadows cut out, if so many times what they are due is little.
+    pub apart: u32,
 }
 
 /// Triangles that are cut out for each shadow ray that they save.
@@ -153,13 +155,17 @@ const MINOR: f64 = 0.05;
 /// Samples are shared out as if no more could arrive than so many times what does, as far as is known by then: where the brightest is
 /// hidden, the rest gets more.
 const HIDDEN: f64 = 4.0;
+/// [`Samples::apart`] where samples must not show noise. (By measurement: of stairs with a strip of light under each step no grain is left that is seen at 8,
+/// some at 3; images take between 7 % less time and 2 % more.)
+const APART: u32 = 8;
 /// Bounds what one receiver costs.
 const MAX_SHADOWS: u32 = 384;
 
 impl Samples {
-    /// With as many shadows cut out as ever, however few the samples are: where they must not show noise by themselves, as at pixels.
+    /// With as many shadows cut out as ever, of nearly all sources, however few the samples are: where they must not show noise by
+    /// themselves, as at pixels.
     pub fn exact(count: u32) -> Self {
-        Self { count, calm: false, shadows: MAX_SHADOWS, least: LOOK }
+        Self { count, calm: false, shadows: MAX_SHADOWS, least: LOOK, apart: APART }
     }
 
     /// So many times the rays, and the shadows that are cut out.
@@ -171,7 +177,8 @@ impl Samples {
 
 impl From<u32> for Samples {
     fn from(count: u32) -> Self {
-        Self { count, calm: false, shadows: (SHADOWS_PER_SAMPLE * count).min(MAX_SHADOWS), least: 1 }
+        let shadows = (SHADOWS_PER_SAMPLE * count).min(MAX_SHADOWS);
+        Self { count, calm: false, shadows, least: 1, apart: 1 }
     }
 }
 
@@ -328,7 +335,7 @@ impl<'a> Lights<'a> {
     fn over(
         &self,
         at: Standpoint,
-        Samples { count: samples, calm, shadows, least }: Samples,
+        Samples { count: samples, calm, shadows, least, apart }: Samples,
         known: Rgb,
         key: Key,
         scratch: &mut Scratch,
@@ -364,7 +371,9 @@ impl<'a> Lights<'a> {
                 let worth = worth(all).max(weight);
                 let due = f64::from(samples) * weight / worth;
                 let lamp = index.checked_sub(LAMPS).map(|lamp| lamp as usize);
-                if lamp.is_none_or(|lamp| found.lamps[lamp].is_flat) && found.is_shared(due) {
+                if lamp.is_none_or(|lamp| found.lamps[lamp].is_flat)
+                    && found.is_shared(due * f64::from(apart))
+                {
                     match lamp {
                         None => found.pieces[index as usize].shares = true,
                         Some(lamp) => found.lamps[lamp].shares = true,
