@@ -52,8 +52,6 @@ pub struct Lamp {
 struct Facets {
     planes: Vec<Plane>,
     ids: Vec<PlaneId>,
-    /// Sum of the facets, m².
-    area: f64,
     /// From this one on they are openings.
     glowing: usize,
 }
@@ -66,15 +64,6 @@ impl Facets {
 
     fn len(&self) -> usize {
         self.planes.len()
-    }
-
-    /// Radius of the ball that sends the same light, if they are one finely divided, with corners within `radius` of its centre: seen from
-    /// everywhere in turn, what is convex shows a quarter of its area (Cauchy).
-    fn radius_of_ball(&self, center: DVec3, radius: f64) -> Option<f64> {
-        let is_closed = self.glowing == self.len();
-        let cuts_in = |plane: &Plane| plane.distance(center) > -(1.0 - CUTS_IN) * radius;
-        (is_closed && !self.planes.iter().any(cuts_in))
-            .then(|| (self.area / (4.0 * std::f64::consts::PI)).sqrt())
     }
 }
 
@@ -222,9 +211,6 @@ const ROUNDING: f64 = 1.2e-6;
 const STANDS_OUT_AT_MOST: f64 = 1e-3;
 /// Cosine between the axis of sight and an outline's corner below which the projection stretches too far.
 const MIN_COS: f64 = 0.1;
-/// Share of the radius by which the facets of a ball may cut into it: spheres of 1280 triangles and up. What these show differs by 1e-3 between
-/// directions, twice this at the very most.
-const CUTS_IN: f64 = 5e-3;
 /// Corners of a ball's outline. With the circle's area, light from it is right to 3e-5 from wherever it is seen as an outline: all that
 /// 16 corners get wrong is its higher moments.
 const CIRCLE: [[f64; 2]; 16] = {
@@ -290,16 +276,16 @@ impl Lamp {
         if is_flat {
             shape.keep_border()?;
         }
-        let Shape { corners, mut facets, edges, .. } = shape;
         // One closed surface, not several.
-        if corners.len() + facets.len() != edges.len() + 2 {
+        if shape.corners.len() + shape.facets.len() != shape.edges.len() + 2 {
             return None;
         }
-        let center = corners.iter().sum::<DVec3>() / corners.len() as f64;
-        let radius = corners.iter().map(|c| (*c - center).length()).fold(0.0, f64::max);
+        let center = shape.corners.iter().sum::<DVec3>() / shape.corners.len() as f64;
+        let radius = shape.corners.iter().map(|c| (*c - center).length()).fold(0.0, f64::max);
+        let round = shape.radius_of_ball(center, radius);
+        let Shape { corners, mut facets, edges, .. } = shape;
         let rounding = ROUNDING * center.abs().max_element();
         let slack = rounding.clamp(STANDS_OUT * radius, STANDS_OUT_AT_MOST * radius);
-        let round = facets.radius_of_ball(center, radius);
         // Of what is convex, all corners lie behind every facet.
         let stands_out = |corner: &DVec3| facets.planes.iter().any(|facet| facet.distance(*corner) > slack);
         let is_convex = round.is_some() || corners.len() <= MAX_CORNERS && !corners.iter().any(stands_out);

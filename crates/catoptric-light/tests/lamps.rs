@@ -133,13 +133,20 @@ fn a_lamp_shines_as_its_facets_do() {
     }
 }
 
-/// A finely divided ball is asked as a circle of 16 corners. Its facets cut into it by .0024 (.0018 in the mean of Cauchy's formula), so that no
-/// silhouette differs from the mean one by more than .0048 of its area; from near, facets one by one.
+/// A finely divided ball is asked as a circle of 16 corners, of its mean silhouette. The facets of one of 32 rings cut into it by .0024 (.0018 in the mean
+/// of Cauchy's formula), so that no silhouette differs from the mean one by more than .0048 of its area; of one of 16 rings, the coarsest that is
+/// asked so, silhouettes differ by .004 at most where that is looked at. From near, facets one by one.
 #[test]
 fn a_fine_ball_shines_as_its_facets_do() {
+    for rings in [16, 32] {
+        fine_ball(rings);
+    }
+}
+
+fn fine_ball(rings: u32) {
     let mut parts = SceneParts::default();
     let material = glowing(&mut parts);
-    parts.add_sphere("ball", material, Vec3::ZERO, 0.3, 32);
+    parts.add_sphere("ball", material, Vec3::ZERO, 0.3, rings);
     let scrap = white(&mut parts);
     parts.add_quad("scrap", scrap, Vec3::Y * -50.0, Vec3::Z, Vec3::X);
     let scene = Scene::new(parts).expect("a valid scene");
@@ -161,8 +168,10 @@ fn a_fine_ball_shines_as_its_facets_do() {
         let found = f64::from(found.unoccluded.x);
         let whole = 3.0 * std::f64::consts::PI * (0.09 / p.length_squared());
         let error = (found - facets).abs();
-        // The polygon stands out of the ball by .0065 of its radius: a horizon that touches it cuts off so much less.
-        assert!(error < 0.0048 * facets + 2e-4 * whole, "{index} at {}: {found} {facets}", p.length());
+        // The polygon stands out of the ball by .0065 of its radius, and facets cut in, by the square of their width: a horizon that touches it
+        // cuts off so much less.
+        let horizon = 2e-4 * whole * (32.0 / f64::from(rings)).powi(2);
+        assert!(error < 0.0048 * facets + horizon, "{index} at {}: {found} {facets}", p.length());
         sums = [sums[0] + found / whole, sums[1] + facets / whole];
         *(if p.length() > 0.6 { &mut far } else { &mut near }) += u32::from(facets > 0.0);
     }
@@ -212,7 +221,7 @@ fn a_lamp_is_covered_as_its_facets_are() {
     let scene_of = |lamp: bool| {
         let mut parts = SceneParts::default();
         let material = glowing(&mut parts);
-        parts.add_sphere("lamp", material, Vec3::Y, 0.3, 16);
+        parts.add_sphere("lamp", material, Vec3::Y, 0.3, 12);
         if !lamp {
             // A dent of a ten-thousandth.
             parts.vertices[100].position *= 0.999_9;
@@ -332,7 +341,8 @@ fn what_is_open_or_dented_or_many_is_no_lamp() {
     assert_eq!(many(250, 6), 250);
     assert_eq!(many(260, 6), 0);
     // More than 130 000 facets together; those of fine balls do not count.
-    assert_eq!(many(140, 16), 0);
+    assert_eq!(many(190, 14), 0);
+    assert_eq!(many(140, 16), 140);
     assert_eq!(many(40, 32), 40);
 }
 

@@ -15,7 +15,8 @@ fn scene(ior: Option<f32>, more: impl FnOnce(&mut SceneParts)) -> Scene {
     let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
     parts.add_quad("floor", white, Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0);
     let lamp = parts.add_material(Material::emitter("bulb", Radiance(Rgb::new(3.0, 10.0, 5.0))));
-    parts.add_sphere("bulb", lamp, BULB, 0.1, 16);
+    // Not so finely divided that it is a ball to its receivers: the truth is what its facets send.
+    parts.add_sphere("bulb", lamp, BULB, 0.1, 12);
     if let Some(ior) = ior {
         let glass = parts.add_material(Material::glass("glass", ior));
         parts.add_sphere("globe", glass, BULB, 0.25, 32);

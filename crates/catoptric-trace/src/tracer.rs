@@ -396,8 +396,9 @@ impl<'a> Tracer<'a> {
         self.segment(origin, from, target - origin, 1.0, to, before)
     }
 
-    /// Share of light that gets straight from `origin` along `direction` to the first of `triangles` that it meets: 0 where
-    /// it meets none. `direction` leads to a point on them; light has come `before` metres to `origin`, over mirrors.
+    /// Share of light that gets straight from `origin` along `direction` to the first of `triangles` that it meets, or to the end of `direction`, which
+    /// leads to a point of their outline: what shows as a ball, or by rounding, may be a little larger than they are. Light has come
+    /// `before` metres to `origin`, over mirrors.
     pub fn reaches(
         &self,
         origin: Vec3,
@@ -409,14 +410,16 @@ impl<'a> Tracer<'a> {
         let mut ray = Ray { origin, direction, from };
         let length = direction.length();
         let mut passage = Passage::new(self, direction.normalize_or_zero(), before + length);
+        let mut left = 1.0;
         for _ in 0..MAX_LAYERS {
-            let Some(hit) = self.nearest(&ray, f32::INFINITY) else { return Rgb::ZERO };
-            if triangles.contains(&hit.triangle.0) {
+            let Some(hit) = self.nearest(&ray, f32::INFINITY) else { return passage.share() };
+            if hit.t >= left || triangles.contains(&hit.triangle.0) {
                 return passage.share();
             }
             if !self.accelerator.passes_anything || !passage.passes(&hit, hit.t * length) {
                 return Rgb::ZERO;
             }
+            left -= hit.t;
             ray.origin += direction * hit.t;
             ray.from = self.accelerator.planes.of(hit.triangle);
         }
