@@ -11,7 +11,7 @@ use glam::DVec3;
 pub const MAX_CORNERS: usize = 24;
 
 /// A convex planar polygon.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Polygon {
     corners: [DVec3; MAX_CORNERS],
     count: usize,
@@ -58,7 +58,21 @@ impl Polygon {
         result
     }
 
-    /// The same, written over another polygon: half a kilobyte need not be moved.
+    /// Leaves that part of it; `spare` is a buffer. Half a kilobyte need not be moved.
+    pub fn cut(&mut self, normal: DVec3, offset: f64, spare: &mut Self) {
+        if self.corners().iter().any(|c| normal.dot(*c) - offset < 0.0) {
+            self.clip_into(normal, offset, spare);
+            self.assign(spare.corners());
+        }
+    }
+
+    /// Becomes that of up to [`MAX_CORNERS`] corners.
+    pub fn assign(&mut self, corners: &[DVec3]) {
+        self.count = corners.len().min(MAX_CORNERS);
+        self.corners[..self.count].copy_from_slice(&corners[..self.count]);
+    }
+
+    /// The part of it, written over another polygon.
     pub fn clip_into(&self, normal: DVec3, offset: f64, result: &mut Self) {
         result.count = 0;
         clip(self.corners(), |c| normal.dot(c) - offset, DVec3::lerp, |corner| result.push(corner));
@@ -88,7 +102,7 @@ impl Polygon {
 }
 
 /// A point of a convex polygon: fan of triangles, uniform by area.
-fn point_in(corners: &[DVec3], u: f64, v: f64) -> DVec3 {
+pub fn point_in(corners: &[DVec3], u: f64, v: f64) -> DVec3 {
     let first = corners[0];
     let total: f64 = corners.windows(2).skip(1).map(|w| (w[0] - first).cross(w[1] - first).length()).sum();
     let mut remaining = u * total;

@@ -393,7 +393,7 @@ impl<'a> Lights<'a> {
                 let (target, budget) = match part {
                     None => {
                         let piece = &found.pieces[index as usize];
-                        (Target::piece(piece, &self.emitters), budget(due.round() as u32))
+                        (Target::piece(piece, &found.corners, &self.emitters), budget(due.round() as u32))
                     }
                     Some(part) => {
                         let budget = match due.ceil() as u32 {

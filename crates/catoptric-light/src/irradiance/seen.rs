@@ -12,15 +12,16 @@ use crate::chains::Unfolded;
 use crate::contour::{self, Polygon};
 use crate::emitter::{Cell, Emitters};
 use crate::lamp::{Beyond, Outline, Sight};
-use crate::light_tree::{Cut, Part, Windows};
+use crate::light_tree::{self, Cut, Windows};
 
 use super::{Lights, OWN_STRATA, Standpoint};
 
 /// A visible part of a cell.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Piece {
-    pub polygon: Polygon,
     pub cell: u32,
+    /// Where its corners lie in [`Found::corners`].
+    pub corners: Range<usize>,
     /// All of the cell.
     pub whole: bool,
     /// Irradiance by unit radiance.
@@ -37,6 +38,20 @@ impl Piece {
         emitters.cells()[self.cell as usize].radiance * self.unit as f32
     }
 }
+
+/// A part of a cell as it is visited.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Part<'a> {
+    pub corners: &'a [DVec3],
+    /// All of the cell.
+    pub whole: bool,
+    /// Irradiance by unit radiance.
+    pub unit: f64,
+}
+
+/// Buffers of polygons that are cut.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Spare([Polygon; 3]);
 
 /// A visible part of a lamp.
 #[derive(Clone, Debug)]
@@ -67,7 +82,7 @@ impl LampPart {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Found {
     pub lamps: Vec<LampPart>,
-    /// Of the lamps.
+    /// Of the lamps and the pieces.
     pub corners: Vec<DVec3>,
     /// Parts of cells, known exactly.
     pub pieces: Vec<Piece>,
@@ -100,7 +115,7 @@ impl Found {
 
     /// From `eye` to the middle of the strongest of pieces and lamps; zero where there are none.
     pub(super) fn towards(&self, eye: DVec3) -> DVec3 {
-        let pieces = self.pieces.iter().map(|p| (p.weight, p.polygon.corners()));
+        let pieces = self.pieces.iter().map(|p| (p.weight, &self.corners[p.corners.clone()]));
         let lamps = self.lamps.iter().map(|l| (l.weight, &self.corners[l.corners.clone()]));
         let strongest = pieces.chain(lamps).max_by(|a, b| a.0.total_cmp(&b.0));
         strongest
@@ -121,6 +136,7 @@ pub(super) struct Seeker {
     cut: Cut,
     outline: Outline,
     spare: [Vec<DVec3>; 2],
+    polygons: Spare,
 }
 
 /// Parts that all emitters may be for one receiver, and how many more for each sample, so that the cut never costs much
@@ -133,8 +149,8 @@ impl Lights<'_> {
     /// Finds the parts of the emitters that may be seen, clipped to horizon and windows.
     pub(super) fn gather(&self, at: Standpoint, samples: u32, found: &mut Found, seeker: &mut Seeker) {
         self.gather_lamps(at, found, seeker);
-        let (image, cut) = (at.image, &mut seeker.cut);
-        let Found { pieces, small, bundles, loose, windows, .. } = found;
+        let (image, Seeker { cut, polygons, .. }) = (at.image, seeker);
+        let Found { pieces, corners, small, bundles, loose, windows, .. } = found;
         small.clear();
         bundles.clear();
         loose.clear();
@@ -143,20 +159,24 @@ impl Lights<'_> {
         self.emitters.tree().cut(self.emitters.cells(), &view, budget(WHOLE), budget(PARTS), cut);
         for part in cut.parts() {
             match part {
-                Part::Group(group) => {
+                light_tree::Part::Group(group) => {
                     let irradiance = self.emitters.tree().irradiance(group, image.position, image.normal);
                     if irradiance.max_element() > 0.0 {
                         small.push((group, f64::from(irradiance.element_sum())));
                     }
                 }
-                Part::Bundle(group) => {
+                light_tree::Part::Bundle(group) => {
                     let irradiance = self.emitters.tree().irradiance_of_bundle(group, &view);
                     if irradiance.max_element() > 0.0 {
                         bundles.push((group, irradiance));
                     }
                 }
-                Part::Loose(group, bound) => loose.push((group, bound)),
-                Part::Cell(index) => self.pieces_of(index, image, windows, |piece| pieces.push(piece)),
+                light_tree::Part::Loose(group, bound) => loose.push((group, bound)),
+                light_tree::Part::Cell(index) => {
+                    self.pieces_of(index, image, windows, polygons, |part| {
+                        self.add_piece(index, part, pieces, corners);
+                    });
+                }
             }
         }
     }
@@ -164,7 +184,7 @@ impl Lights<'_> {
     /// The windows, and the parts of the lamps that the receiver may see; those that are too near, by their cells.
     fn gather_lamps(&self, at: Standpoint, found: &mut Found, seeker: &mut Seeker) {
         let Found { pieces, windows, lamps, corners, .. } = found;
-        let Seeker { outline, spare: [part, spare], .. } = seeker;
+        let Seeker { outline, spare: [part, spare], polygons, .. } = seeker;
         let image = at.image;
         pieces.clear();
         lamps.clear();
@@ -188,7 +208,9 @@ impl Lights<'_> {
                 Sight::Facets => {
                     for cell in lamp.cells.clone() {
                         if self.emitters.cells()[cell as usize].faces(image.position) {
-                            self.pieces_of(cell, image, windows, |piece| pieces.push(piece));
+                            self.pieces_of(cell, image, windows, polygons, |part| {
+                                self.add_piece(cell, part, pieces, corners);
+                            });
                         }
                     }
                 }
@@ -247,62 +269,72 @@ impl Lights<'_> {
             .then(|| contour::irradiance_above(image.position, image.normal, corners))
     }
 
+    /// Adds a part of a cell to the pieces, and its corners to these.
+    fn add_piece(&self, cell: u32, part: Part, pieces: &mut Vec<Piece>, corners: &mut Vec<DVec3>) {
+        let Part { whole, unit, .. } = part;
+        let weight = unit * f64::from(self.emitters.cells()[cell as usize].radiance.element_sum());
+        let start = corners.len();
+        corners.extend(part.corners);
+        pieces.push(Piece { cell, corners: start..corners.len(), whole, unit, weight, shares: false });
+    }
+
     /// The parts of a cell above the horizon, one for each window that shows some.
     pub(super) fn pieces_of(
         &self,
         index: u32,
         image: &Unfolded,
         windows: &Windows,
-        mut visit: impl FnMut(Piece),
+        Spare([above, seen, spare]): &mut Spare,
+        mut visit: impl FnMut(Part),
     ) {
         let cell = &self.emitters.cells()[index as usize];
         if cell.plane == image.last {
             return;
         }
-        let mut add = |polygon: Polygon, whole: bool| {
-            let unit = cell.unit_irradiance(image.position, image.normal, &polygon);
-            if unit > 0.0 {
-                let weight = unit * f64::from(cell.radiance.element_sum());
-                let (polygon, whole) = if cell.lobe.exponent() > 1.0 {
-                    (cell.lit_part(image.position, polygon), false)
-                } else {
-                    (polygon, whole)
-                };
-                visit(Piece { polygon, cell: index, whole, unit, weight, shares: false });
+        let mut add = |polygon: &Polygon, whole: bool| {
+            let unit = cell.unit_irradiance(image.position, image.normal, polygon);
+            if unit <= 0.0 {
+                return;
+            }
+            if cell.lobe.exponent() > 1.0 {
+                let lit = cell.lit_part(image.position, *polygon);
+                visit(Part { corners: lit.corners(), whole: false, unit });
+            } else {
+                visit(Part { corners: polygon.corners(), whole, unit });
             }
         };
         // What is all outside is told without a copy.
         let (corners, count) = cell.corners();
-        let is_outside =
-            |normal: DVec3, offset: f64| corners[..count].iter().all(|c| normal.dot(*c) < offset);
+        let corners = &corners[..count];
+        let is_outside = |normal: DVec3, offset: f64| corners.iter().all(|c| normal.dot(*c) < offset);
         if is_outside(image.geometric, image.geometric.dot(image.position))
             || image.beyond.is_some_and(|plane| is_outside(plane.normal, plane.offset))
             || !windows.may_show_where(|normal| !is_outside(*normal, normal.dot(image.position)))
         {
             return;
         }
-        let outline = cell.polygon();
-        let mut horizon = outline.clipped(image.geometric, image.geometric.dot(image.position));
+        above.assign(corners);
+        above.cut(image.geometric, image.geometric.dot(image.position), spare);
         // What lies between the receiver's image and the last mirror is not before that mirror.
         if let Some(Plane { normal, offset }) = image.beyond {
-            horizon = horizon.clipped(normal, offset);
+            above.cut(normal, offset, spare);
         }
-        if horizon.is_empty() {
+        if above.is_empty() {
             return;
         }
         if windows.is_empty() {
-            add(horizon, horizon.corners() == outline.corners());
+            add(above, above.corners() == corners);
         }
         for window in windows.iter() {
-            let mut polygon = horizon;
+            seen.assign(above.corners());
             for normal in window {
-                polygon = polygon.clipped(*normal, normal.dot(image.position));
-                if polygon.is_empty() {
+                seen.cut(*normal, normal.dot(image.position), spare);
+                if seen.is_empty() {
                     break;
                 }
             }
-            if !polygon.is_empty() {
-                add(polygon, false);
+            if !seen.is_empty() {
+                add(seen, false);
             }
         }
     }

@@ -53,13 +53,13 @@ pub(super) struct Target<'a> {
 
 impl<'a> Target<'a> {
     /// A piece of a cell.
-    pub(super) fn piece(piece: &'a Piece, emitters: &'a Emitters) -> Self {
+    pub(super) fn piece(piece: &Piece, corners: &'a [DVec3], emitters: &'a Emitters) -> Self {
         let cell = &emitters.cells()[piece.cell as usize];
         Self {
             radiance: cell.radiance,
             unit: piece.unit,
             axis: -cell.normal,
-            corners: piece.polygon.corners(),
+            corners: &corners[piece.corners.clone()],
             to: Goal::Plane(cell.plane),
             cell: Some(cell),
             whole: piece.whole.then_some(cell),

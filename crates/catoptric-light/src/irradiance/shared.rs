@@ -7,10 +7,10 @@ use catoptric_trace::PlaneId;
 use catoptric_trace::sequence::Key;
 
 use crate::chains::Unfolded;
-use crate::contour;
+use crate::contour::{self, Polygon};
 use crate::emitter::Cell;
 
-use super::seen::{Found, LampPart, Piece};
+use super::seen::{Found, LampPart, Piece, Spare};
 use super::shadow::{Goal, Tally};
 use super::{Lights, Scratch, SourceIrradiance, Standpoint};
 
@@ -150,7 +150,8 @@ impl Lights<'_> {
                 Some(Drawn { light, to, whole: known, cell: None })
             }
             Shared::Piece(piece) => {
-                let light = self.place(piece, image, (inner, other), key.child(number));
+                let corners = &found.corners[piece.corners.clone()];
+                let light = self.place(piece.cell, corners, image, (inner, other), key.child(number));
                 Some(of_cell(piece.cell, light, known))
             }
             Shared::Small(group) => {
@@ -172,17 +173,20 @@ impl Lights<'_> {
                     return (unit > 0.0).then(|| of_cell(index, cell.point(rest, other), whole));
                 }
                 // Of the parts of the cell, seen through several windows, one in proportion.
-                let mut chosen: Option<Piece> = None;
+                let mut chosen = Polygon::default();
                 let (mut total, mut count) = (0.0, 0);
                 let key = key.child(number);
-                self.pieces_of(index, image, &found.windows, |piece| {
-                    total += piece.unit;
+                self.pieces_of(index, image, &found.windows, &mut Spare::default(), |part| {
+                    total += part.unit;
                     count += 1;
-                    if f64::from(key.uniform(count)) * total < piece.unit {
-                        chosen = Some(piece);
+                    if f64::from(key.uniform(count)) * total < part.unit {
+                        chosen.assign(part.corners);
                     }
                 });
-                let light = self.place(&chosen?, image, (rest, other), key.child(0));
+                if chosen.is_empty() {
+                    return None;
+                }
+                let light = self.place(index, chosen.corners(), image, (rest, other), key.child(0));
                 Some(of_cell(index, light, cell.radiance * (total / probability) as f32))
             }
         }
@@ -191,12 +195,12 @@ impl Lights<'_> {
     /// A point of a piece for what shares its samples. Small pieces that are diffuse send about the same from
     /// everywhere; of a lobe, however small the piece, one of some places is taken in proportion to what it sends, so
     /// that the piece's irradiance is exact where nothing blocks.
-    fn place(&self, piece: &Piece, image: &Unfolded, (u, v): (f64, f64), key: Key) -> DVec3 {
-        let cell = &self.emitters.cells()[piece.cell as usize];
+    fn place(&self, cell: u32, corners: &[DVec3], image: &Unfolded, (u, v): (f64, f64), key: Key) -> DVec3 {
+        let cell = &self.emitters.cells()[cell as usize];
         if cell.lobe.is_diffuse() {
-            piece.polygon.point(u, v)
+            contour::point_in(corners, u, v)
         } else {
-            place_in_lobe(cell, piece, image, (u, v), key)
+            place_in_lobe(cell, corners, image, (u, v), key)
         }
     }
 
@@ -254,12 +258,12 @@ impl Lights<'_> {
 }
 
 #[cold]
-fn place_in_lobe(cell: &Cell, piece: &Piece, image: &Unfolded, (u, v): (f64, f64), key: Key) -> DVec3 {
-    let (mut chosen, mut total) = (piece.polygon.point(u, v), 0.0);
+fn place_in_lobe(cell: &Cell, corners: &[DVec3], image: &Unfolded, (u, v): (f64, f64), key: Key) -> DVec3 {
+    let (mut chosen, mut total) = (contour::point_in(corners, u, v), 0.0);
     for index in 0..PLACES {
         // A rank-1 lattice about (u, v).
         let (s, t) = (u + f64::from(index) / f64::from(PLACES), v + f64::from(index) * 0.375);
-        let light = piece.polygon.point(s.fract(), t.fract());
+        let light = contour::point_in(corners, s.fract(), t.fract());
         let offset = light - image.position;
         let r2 = offset.length_squared();
         let leaves = -cell.normal.dot(offset) / r2.sqrt();
