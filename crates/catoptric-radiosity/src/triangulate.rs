@@ -217,6 +217,9 @@ struct Inside<'a> {
     triangles: &'a [[DVec2; 3]],
 }
 
+/// Share of a triangle's size by which a point beside it counts as in it: one on the border of two may be outside of both by rounding.
+const ROUNDING: f64 = 1e-12;
+
 impl<'a> Inside<'a> {
     fn new(triangles: &'a [[DVec2; 3]]) -> Self {
         Self { triangles }
@@ -224,9 +227,10 @@ impl<'a> Inside<'a> {
 
     fn holds(&self, p: DVec2) -> bool {
         self.triangles.iter().any(|[a, b, c]| {
-            let (u, v, w) =
-                ((*b - *a).perp_dot(p - *a), (*c - *b).perp_dot(p - *b), (*a - *c).perp_dot(p - *c));
-            (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0)
+            let edges = [*b - *a, *c - *b, *a - *c];
+            let [u, v, w] = [(0, a), (1, b), (2, c)].map(|(k, from)| edges[k].perp_dot(p - *from));
+            let slack = ROUNDING * edges.iter().map(|e| e.length_squared()).fold(0.0, f64::max);
+            (u >= -slack && v >= -slack && w >= -slack) || (u <= slack && v <= slack && w <= slack)
         })
     }
 }
@@ -320,7 +324,28 @@ fn distance(p: DVec2, a: DVec2, b: DVec2) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use catoptric_trace::sequence::{Key, Purpose};
+
     use super::*;
+
+    /// The middles of elements of a strip lie on its diagonal, and by rounding on neither side of it: a hole would be left.
+    #[test]
+    fn strips_are_covered_whatever_their_size() {
+        let key = Key::new(2, Purpose::Test, 0);
+        for index in 0..3000 {
+            let size = key.point2(index).as_dvec2();
+            let corner = key.child(1).point2(index).as_dvec2() - 0.5;
+            // Positions are f32.
+            let f32s = |x: f64, y: f64| DVec2::new(f64::from(x as f32), f64::from(y as f32));
+            let (w, h) = (0.1 + 0.1 * size.x, 1.0 + size.y);
+            let [a, b, c, d] =
+                [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)].map(|(x, y)| f32s(corner.x + x, corner.y + y));
+            let triangles = [[d, a, b], [d, b, c]];
+            let mesh = triangulate(&triangles, &[], &[], 0.4, 1e-5);
+            let (covered, whole) = (area(&mesh), (b - a).perp_dot(d - a));
+            assert!((covered / whole - 1.0).abs() < 1e-4, "strip {index}: {covered} of {whole}");
+        }
+    }
 
     fn square(size: f64) -> Vec<[DVec2; 3]> {
         let [a, b, c, d] =
