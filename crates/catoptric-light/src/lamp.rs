@@ -21,7 +21,7 @@ use crate::emitter::Cell;
 use crate::light_tree::Windows;
 
 use extent::Extent;
-use shape::Shape;
+use shape::{Ball, Shape};
 
 pub(crate) use shape::pieces;
 
@@ -43,8 +43,10 @@ pub struct Lamp {
     edges: Edges,
     /// What glows lies in this plane, if in one.
     plane: PlaneId,
-    /// Radius of the ball that it is to its receivers, if it is finely divided; metres.
-    round: Option<f64>,
+    /// The ball that it is to its receivers, if it is finely divided.
+    round: Option<Ball>,
+    /// Its corners are few, and all of them lie behind every facet: it has an outline.
+    is_convex: bool,
 }
 
 /// The planes of the facets.
@@ -282,27 +284,52 @@ impl Lamp {
         }
         let center = shape.corners.iter().sum::<DVec3>() / shape.corners.len() as f64;
         let radius = shape.corners.iter().map(|c| (*c - center).length()).fold(0.0, f64::max);
-        let round = shape.radius_of_ball(center, radius);
+        let round = shape.ball(center, radius);
         let Shape { corners, mut facets, edges, .. } = shape;
         let rounding = ROUNDING * center.abs().max_element();
         let slack = rounding.clamp(STANDS_OUT * radius, STANDS_OUT_AT_MOST * radius);
         // Of what is convex, all corners lie behind every facet.
         let stands_out = |corner: &DVec3| facets.planes.iter().any(|facet| facet.distance(*corner) > slack);
-        let is_convex = round.is_some() || corners.len() <= MAX_CORNERS && !corners.iter().any(stands_out);
+        let is_fine = round.is_some_and(|ball| ball.is_fine);
+        let is_convex = !is_fine && corners.len() <= MAX_CORNERS && !corners.iter().any(stands_out);
         let plane = if is_flat { first } else { PlaneId::NONE };
         let edges = Edges::new(&edges);
         facets.ids.sort_unstable();
         facets.ids.dedup();
         let extent = Extent::around(&corners).filter(|extent| extent.least() < NARROW * radius);
         let cells = 0..0;
-        let lamp =
-            Self { radiance, triangles, cells, center, radius, extent, corners, facets, edges, plane, round };
-        is_convex.then_some(lamp)
+        let lamp = Self {
+            radiance,
+            triangles,
+            cells,
+            center,
+            radius,
+            extent,
+            corners,
+            facets,
+            edges,
+            plane,
+            round,
+            is_convex,
+        };
+        (round.is_some() || is_convex).then_some(lamp)
     }
 
     /// The plane that it lies in, if it is flat.
     pub fn plane(&self) -> Option<PlaneId> {
         (self.plane != PlaneId::NONE).then_some(self.plane)
+    }
+
+    /// It is a ball whose facets show a little more to one side than to another, and has an outline that shows this.
+    pub fn is_coarse_ball(&self) -> bool {
+        self.is_convex && self.round.is_some()
+    }
+
+    /// Has its outline from now on, if it can.
+    pub fn keep_outline(&mut self) {
+        if self.is_convex {
+            self.round = None;
+        }
     }
 
     /// Facets among which its outline is looked for; none of a ball.
@@ -386,7 +413,9 @@ impl Lamp {
         hidden: PlaneId,
         outline: &mut Outline,
     ) -> Sight {
-        let Some(radius) = self.round else { return self.outline(eye, geometric, hidden, outline) };
+        let Some(Ball { radius, .. }) = self.round else {
+            return self.outline(eye, geometric, hidden, outline);
+        };
         outline.corners.clear();
         let offset = self.center - eye;
         let distance = offset.length();

@@ -147,12 +147,16 @@ fn fine_ball(rings: u32) {
     let mut parts = SceneParts::default();
     let material = glowing(&mut parts);
     parts.add_sphere("ball", material, Vec3::ZERO, 0.3, rings);
+    // A few coarse ones would be asked by their outlines. Too far and dim to tell.
+    for index in 0..4 {
+        parts.add_sphere("far", material, Vec3::new(30.0, 3.0 * index as f32, 0.0), 0.01, rings);
+    }
     let scrap = white(&mut parts);
     parts.add_quad("scrap", scrap, Vec3::Y * -50.0, Vec3::Z, Vec3::X);
     let scene = Scene::new(parts).expect("a valid scene");
     let tracer = Tracer::new(&scene);
     let lights = Lights::new(&tracer, LightParams::default());
-    assert_eq!(lights.emitters().lamps().len(), 1);
+    assert_eq!(lights.emitters().lamps().len(), 5);
     let (mut scratch, key) = (Scratch::default(), Key::new(1, Purpose::Test, 0));
     let (mut far, mut near, mut sums) = (0, 0, [0.0; 2]);
     for index in 0..1000 {

@@ -6,7 +6,6 @@ use std::ops::Range;
 use glam::{DVec3, Vec3};
 
 use catoptric_scene::{Scene, TriangleId};
-use catoptric_trace::plane::Plane;
 use catoptric_trace::{PlaneId, Tracer};
 
 use super::{Edge, Facets, MAX_FLAT_CORNERS};
@@ -16,11 +15,22 @@ const STRAIGHT: f64 = 1e-4;
 
 /// Share of the radius by which the facets of a ball may cut into it: as those of spheres of 24 by 12 quads, or of 320 triangles, do by .017 and .018.
 const CUTS_IN: f64 = 0.02;
+/// The same for what is a ball to receivers even where lamps are few: spheres of 1280 triangles and up.
+const CUTS_IN_LITTLE: f64 = 5e-3;
 /// Share by which what a ball shows to a direction may differ from the mean of all: spheres of 320 triangles by .0027 (.001 in the mean square), of 1280 by .0007,
 /// of 32 by 16 quads by .0035 (.0008).
 const DIFFERS: f64 = 4e-3;
 /// Directions in which this is looked at, at most.
 const LOOKS: usize = 1024;
+
+/// What a finely divided ball is to its receivers.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ball {
+    /// Metres.
+    pub(super) radius: f64,
+    /// From wherever it is seen, its facets show the same for all that matters.
+    pub(super) is_fine: bool,
+}
 
 /// A surface as it is put together.
 #[derive(Default)]
@@ -67,12 +77,13 @@ impl Shape {
         Some(())
     }
 
-    /// Radius of the ball that sends the same light, if this is one finely divided, with its corners within `radius` of its centre: seen from
-    /// everywhere in turn, what is convex shows a quarter of its area (Cauchy).
-    pub(super) fn radius_of_ball(&self, center: DVec3, radius: f64) -> Option<f64> {
+    /// The ball that sends the same light, if this is one finely divided, with its corners within `radius` of its centre: seen from everywhere in
+    /// turn, what is convex shows a quarter of its area (Cauchy).
+    pub(super) fn ball(&self, center: DVec3, radius: f64) -> Option<Ball> {
         let is_closed = self.facets.glowing == self.facets.len();
-        let cuts_in = |plane: &Plane| plane.distance(center) > -(1.0 - CUTS_IN) * radius;
-        if !is_closed || self.facets.planes.iter().any(cuts_in) {
+        let cuts_in =
+            |share: f64| self.facets.planes.iter().any(|p| p.distance(center) > -(1.0 - share) * radius);
+        if !is_closed || cuts_in(CUTS_IN) {
             return None;
         }
         let area: f64 = self.areas.iter().map(|area| area.length()).sum();
@@ -83,7 +94,8 @@ impl Shape {
         let normals = self.facets.planes.iter().map(|plane| plane.normal);
         let looks = corners.chain(normals).step_by((self.corners.len() + self.facets.len()).div_ceil(LOOKS));
         let is_round = looks.into_iter().all(|towards| (shown(towards) - mean).abs() <= DIFFERS * mean);
-        is_round.then(|| (area / (4.0 * std::f64::consts::PI)).sqrt())
+        let radius = (area / (4.0 * std::f64::consts::PI)).sqrt();
+        is_round.then(|| Ball { radius, is_fine: !cuts_in(CUTS_IN_LITTLE) })
     }
 
     /// Closes each opening by a facet, in the order of their first corners. `None` where one touches itself.
