@@ -148,7 +148,8 @@ fn a_shadow_finer_than_the_mesh_is_evaluated_close_up_and_read_from_afar() {
     assert_eq!(far, view(4.0, DirectLight::Auto(rays)));
 }
 
-/// Bulbs one behind the other, past the edge of a board of many pieces, none of which is a wall: more blocks each of them than can be cut out.
+/// Bulbs one behind the other, past the edge of a board of many pieces, none of which is a wall: more blocks each of them than can be cut out. They are
+/// too coarse to be balls to what they light, whose outlines have fewer corners, and less noise.
 fn bulbs() -> Scene {
     let (mut parts, white, lamp) = room(50.0);
     for piece in 0..64_u8 {
@@ -157,7 +158,7 @@ fn bulbs() -> Scene {
     }
     for k in 0..8_u8 {
         let center = Vec3::new(-0.2 - 0.09 * f32::from(k), 0.3, 0.013 * f32::from(k % 3));
-        parts.add_sphere(&format!("bulb {k}"), lamp, center, 0.04, 20);
+        parts.add_sphere(&format!("bulb {k}"), lamp, center, 0.04, 14);
     }
     Scene::new(parts).expect("a valid scene")
 }
