@@ -7,7 +7,7 @@ use catoptric_radiosity::Solved;
 use catoptric_render::direct::{DirectLight, ShadowRays};
 use catoptric_render::render::pixel_bytes;
 use catoptric_render::{RenderParams, Rendered, render};
-use catoptric_scene::Camera;
+use catoptric_scene::{Camera, TriangleId};
 use catoptric_solution::Solution;
 use catoptric_trace::{Accelerator, Tracer};
 
@@ -49,6 +49,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
         let file = args.scene.display();
         input.warnings.push(format!("{file}: no camera is animated: all frames show the same"));
     }
+    warn_of_empty_views(&views, args, &mut input);
     summary::warn(&reporter, &input.warnings);
 
     // Light once.
@@ -131,6 +132,37 @@ fn views(args: &RenderArgs, input: &Input) -> Result<Vec<View>, Failure> {
         }
     }
     Ok(views)
+}
+
+/// Says so where nothing of the scene can be in a picture: it lies behind the camera, or before its near plane, as in scenes that were scaled
+/// down with the camera in them.
+fn warn_of_empty_views(views: &[View], args: &RenderArgs, input: &mut Input) {
+    let file = args.scene.display();
+    if input.scene.triangles().is_empty() {
+        return;
+    }
+    let ids = || (0..input.scene.triangles().len() as u32).map(TriangleId);
+    let mut known: Vec<&str> = Vec::new();
+    for View { camera, .. } in views {
+        // Of an animation the first frame.
+        if known.contains(&camera.name.as_str()) {
+            continue;
+        }
+        known.push(&camera.name);
+        let ahead = camera.world_from_camera.inverse();
+        let depths = ids().flat_map(|id| input.scene.corners(id)).map(|p| -ahead.transform_point3(p).z);
+        let farthest = depths.fold(f32::NEG_INFINITY, f32::max);
+        let Camera { name, near, .. } = camera;
+        if farthest <= 0.0 {
+            input.warnings.push(format!(
+                "{file}: camera {name:?} has all of the scene behind it: nothing of it is seen"
+            ));
+        } else if farthest <= *near {
+            input.warnings.push(format!(
+                "{file}: camera {name:?} has all of the scene before its near plane, `znear` {near} m; the farthest point is {farthest} m ahead: nothing of it is seen"
+            ));
+        }
+    }
 }
 
 fn find_camera(name: &str, cameras: &[Camera], file: &Path) -> Result<usize, Failure> {

@@ -330,3 +330,24 @@ fn an_interrupt_stops_within_a_second_with_130_and_leaves_nothing() {
         assert_eq!(bench.files(), ["quad.bin", "scene.gltf"]);
     }
 }
+
+#[test]
+fn views_of_nothing_are_told() {
+    let bench = Bench::new();
+    let text = fs::read_to_string(bench.path("scene.gltf")).expect("the scene is there");
+    let write = |change: &dyn Fn(&mut Value)| {
+        let mut scene: Value = serde_json::from_str(&text).expect("JSON");
+        change(&mut scene);
+        fs::write(bench.path("scene.gltf"), scene.to_string()).expect("a temporary folder that works");
+        bench.render(&["-o", "a.exr", "--size", "8"])
+    };
+    // The floor's far edge is five metres ahead.
+    let near = |metres: f64| {
+        write(&|scene| scene["cameras"][0]["perspective"]["znear"] = serde_json::json!(metres)).stderr
+    };
+    assert!(near(6.0).contains("\"Left\" has all of the scene before its near plane"), "{}", near(6.0));
+    assert!(!near(4.0).contains("camera"), "{}", near(4.0));
+    // Turned around.
+    let away = write(&|scene| scene["nodes"][3]["rotation"] = serde_json::json!([0, 1, 0, 0])).stderr;
+    assert!(away.contains("\"Left\" has all of the scene behind it"), "{away}");
+}
