@@ -186,6 +186,28 @@ fn visibility_sees_blockers_only_between_its_ends() {
     assert_eq!(tracer.visibility(Vec3::new(0.0, 0.3, 0.0), wall, Vec3::new(0.0, 0.3, -1.0), none), Rgb::ONE);
 }
 
+/// Light of a lamp whose outline is a little larger than its triangles: what passes these by, and meets nothing before the outline's plane, is not
+/// blocked by the wall behind.
+#[test]
+fn what_passes_a_lamp_by_is_blocked_by_what_is_before_it_alone() {
+    let mut parts = SceneParts::default();
+    let white = parts.add_material(Material::lambertian("white", Rgb::ONE));
+    parts.add_quad("lamp", white, Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0);
+    parts.add_quad("wall", white, Vec3::new(-5.0, -5.0, -1.0), Vec3::X * 10.0, Vec3::Y * 10.0);
+    parts.add_quad("card", white, Vec3::new(-3.0, 0.5, 0.5), Vec3::X * 6.0, Vec3::Y);
+    let scene = Scene::new(parts).expect("a valid scene");
+    let tracer = Tracer::new(&scene);
+    let reaches = |x: f32, y: f32, depth: f32| {
+        let direction = Vec3::new(0.0, 0.0, -depth);
+        tracer.reaches(Vec3::new(x, y, 1.0), PlaneId::NONE, direction, &(0..2), 0.0) == Rgb::ONE
+    };
+    assert!(reaches(0.1, 0.2, 1.0));
+    assert!(reaches(1.01, 0.2, 1.0), "beside it");
+    assert!(reaches(6.0, 0.2, 1.0), "nothing is met");
+    assert!(!reaches(1.01, 0.2, 2.5), "the wall is before the outline");
+    assert!(!reaches(0.1, 0.7, 1.0) && !reaches(1.01, 0.7, 1.0), "behind the card");
+}
+
 /// A camera a million rooms away rounds the boxes' distances by more than the scene's padding: the answer must still
 /// be that of the triangles, whatever the tree.
 #[test]

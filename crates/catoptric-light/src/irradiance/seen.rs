@@ -12,7 +12,7 @@ use crate::chains::Unfolded;
 use crate::contour::{self, Polygon};
 use crate::emitter::{Cell, Emitters};
 use crate::lamp::{Beyond, Outline, Sight};
-use crate::light_tree::{self, Cut, Windows};
+use crate::light_tree::{Cut, Part, Windows};
 
 use super::{Lights, OWN_STRATA, Standpoint};
 
@@ -41,7 +41,7 @@ impl Piece {
 
 /// A part of a cell as it is visited.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Part<'a> {
+pub(super) struct CellPart<'a> {
     pub corners: &'a [DVec3],
     /// All of the cell.
     pub whole: bool,
@@ -159,20 +159,20 @@ impl Lights<'_> {
         self.emitters.tree().cut(self.emitters.cells(), &view, budget(WHOLE), budget(PARTS), cut);
         for part in cut.parts() {
             match part {
-                light_tree::Part::Group(group) => {
+                Part::Group(group) => {
                     let irradiance = self.emitters.tree().irradiance(group, image.position, image.normal);
                     if irradiance.max_element() > 0.0 {
                         small.push((group, f64::from(irradiance.element_sum())));
                     }
                 }
-                light_tree::Part::Bundle(group) => {
+                Part::Bundle(group) => {
                     let irradiance = self.emitters.tree().irradiance_of_bundle(group, &view);
                     if irradiance.max_element() > 0.0 {
                         bundles.push((group, irradiance));
                     }
                 }
-                light_tree::Part::Loose(group, bound) => loose.push((group, bound)),
-                light_tree::Part::Cell(index) => {
+                Part::Loose(group, bound) => loose.push((group, bound)),
+                Part::Cell(index) => {
                     self.pieces_of(index, image, windows, polygons, |part| {
                         self.add_piece(index, part, pieces, corners);
                     });
@@ -270,8 +270,8 @@ impl Lights<'_> {
     }
 
     /// Adds a part of a cell to the pieces, and its corners to these.
-    fn add_piece(&self, cell: u32, part: Part, pieces: &mut Vec<Piece>, corners: &mut Vec<DVec3>) {
-        let Part { whole, unit, .. } = part;
+    fn add_piece(&self, cell: u32, part: CellPart, pieces: &mut Vec<Piece>, corners: &mut Vec<DVec3>) {
+        let CellPart { whole, unit, .. } = part;
         let weight = unit * f64::from(self.emitters.cells()[cell as usize].radiance.element_sum());
         let start = corners.len();
         corners.extend(part.corners);
@@ -285,7 +285,7 @@ impl Lights<'_> {
         image: &Unfolded,
         windows: &Windows,
         Spare([above, seen, spare]): &mut Spare,
-        mut visit: impl FnMut(Part),
+        mut visit: impl FnMut(CellPart),
     ) {
         let cell = &self.emitters.cells()[index as usize];
         if cell.plane == image.last {
@@ -298,9 +298,9 @@ impl Lights<'_> {
             }
             if cell.lobe.exponent() > 1.0 {
                 let lit = cell.lit_part(image.position, *polygon);
-                visit(Part { corners: lit.corners(), whole: false, unit });
+                visit(CellPart { corners: lit.corners(), whole: false, unit });
             } else {
-                visit(Part { corners: polygon.corners(), whole, unit });
+                visit(CellPart { corners: polygon.corners(), whole, unit });
             }
         };
         // What is all outside is told without a copy.
