@@ -165,15 +165,19 @@ impl Sharing {
         self.shares.get(vertex as usize).copied().unwrap_or(false)
     }
 
-    /// Has a vertex asked itself from now on.
+    /// Has a vertex asked itself from now on. Those that were made later than this are.
     pub fn ask(&mut self, vertex: u32) {
-        self.mix_of[vertex as usize] = ASKED;
+        if let Some(mix) = self.mix_of.get_mut(vertex as usize) {
+            *mix = ASKED;
+        }
     }
 
     /// Has a vertex asked itself from now on, as one whose light varies around it as on any other mesh.
     pub fn part(&mut self, vertex: u32) {
         self.ask(vertex);
-        self.shares[vertex as usize] = false;
+        if let Some(shares) = self.shares.get_mut(vertex as usize) {
+            *shares = false;
+        }
     }
 
     /// Gives every vertex that is not asked the mean of the asked ones around it.
@@ -317,5 +321,28 @@ mod tests {
         }
         // The leg is cut at the rug and, above, into pieces of a few cells.
         assert!(pairs > 8, "{pairs}");
+    }
+
+    #[test]
+    fn vertices_made_later_are_asked_whatever_is_said_of_them() {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        parts.add_box("leg", white, Vec3::new(0.1, 0.0, 0.1), Vec3::new(0.14, 0.4, 0.14), false);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let (mut draft, _) = coarse_patches(&tracer, 200);
+        let mut sharing = Sharing::new(&tracer, &draft, 0.5, 0.1, 1000, &[]);
+        // As elements that hold a glint are split before any is evaluated.
+        let edges: Vec<(u32, u32)> = draft.edges();
+        let before = draft.vertices.len() as u32;
+        draft.split(&tracer, &edges);
+        let last = draft.vertices.len() as u32 - 1;
+        assert!(last >= before);
+        sharing.ask(last);
+        sharing.part(last);
+        assert!(sharing.is_asked(last) && !sharing.shares(last));
+        let old = (0..before).find(|&v| sharing.shares(v)).expect("one that shares");
+        sharing.part(old);
+        assert!(sharing.is_asked(old) && !sharing.shares(old));
     }
 }
