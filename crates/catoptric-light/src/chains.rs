@@ -70,8 +70,17 @@ pub struct ImageChain {
     /// Each mirror reflects alike all over its windows.
     even: bool,
     strength: f32,
-    /// Of a small mirror: where light of area sources over it arrives.
-    reach: Option<Vec<Reach>>,
+    /// Of a small mirror.
+    facet: Option<Facet>,
+}
+
+/// What is known at once of light over a small mirror.
+#[derive(Clone, Debug)]
+struct Facet {
+    /// Around the mirror.
+    ball: Ball,
+    /// Where light of area sources over it arrives.
+    reach: Vec<Reach>,
 }
 
 /// All chains that are followed by images; others belong to the hemisphere rays.
@@ -168,7 +177,7 @@ impl ImageChains {
         let balls = source_balls(tracer, emitters);
         let facets = (count..reflectors.len()).filter(|&r| is_lit[r]).map(|facet| {
             let mut chain = ImageChain::over(&reflectors, &[facet]);
-            chain.reach = Some(reaches(&balls, bright_sky, &reflectors[facet]));
+            chain.facet = Some(Facet::new(&balls, bright_sky, &reflectors[facet]));
             chain
         });
         let large = found.len();
@@ -224,12 +233,19 @@ impl ImageChains {
     }
 }
 
-/// Where light of area sources over a facet arrives.
-fn reaches(balls: &[Ball], bright_sky: bool, facet: &Reflector) -> Vec<Reach> {
-    let corners = facet.pieces.iter().flat_map(|p| p.outline.corners()).copied();
-    let window = Ball::around(corners);
-    let area = balls.iter().map(|&ball| Reach::over(&facet.plane, window, ball));
-    area.chain(bright_sky.then_some(Reach::Everywhere)).collect()
+impl Facet {
+    /// `balls` are those around the area sources.
+    fn new(balls: &[Ball], bright_sky: bool, facet: &Reflector) -> Self {
+        let corners = facet.pieces.iter().flat_map(|p| p.outline.corners()).copied();
+        let ball = Ball::around(corners);
+        let area = balls.iter().map(|&source| Reach::over(&facet.plane, ball, source));
+        Self { ball, reach: area.chain(bright_sky.then_some(Reach::Everywhere)).collect() }
+    }
+
+    /// Whether light of area sources may arrive over it at a place, on the side to which `geometric` points.
+    fn may_light(&self, place: DVec3, geometric: DVec3) -> bool {
+        self.ball.is_above(place, geometric) && self.reach.iter().any(|r| r.holds(place))
+    }
 }
 
 /// Whether any corner of `outline` lies on the reflecting (or emitting) side of `piece`.
@@ -489,7 +505,7 @@ impl ImageChain {
             equations: chain.iter().map(|&r| reflectors[r].plane).collect(),
             even: chain.iter().all(|&r| reflectors[r].even),
             strength: chain.iter().map(|&r| reflectors[r].strength).product(),
-            reach: None,
+            facet: None,
         }
     }
 
@@ -523,10 +539,10 @@ impl ImageChain {
         self.windows = (0..if self.exact { combinations } else { 1 }).map(window).collect();
     }
 
-    /// Whether light of area sources may arrive somewhere.
+    /// Whether light of area sources may arrive at a place, on the side to which `geometric` points.
     #[inline]
-    pub(crate) fn may_reach(&self, place: DVec3) -> bool {
-        self.reach.as_ref().is_none_or(|reach| reach.iter().any(|r| r.holds(place)))
+    pub(crate) fn may_light(&self, place: DVec3, geometric: DVec3) -> bool {
+        self.facet.as_ref().is_none_or(|facet| facet.may_light(place, geometric))
     }
 
     /// Where a punctual light arrives over these mirrors; `None` if nowhere: what it sends is followed through the windows, from the last.
@@ -566,7 +582,7 @@ impl ImageChain {
 
     /// Whether it is that of a small mirror.
     pub fn is_of_facet(&self) -> bool {
-        self.reach.is_some()
+        self.facet.is_some()
     }
 
     /// Product of the mirrors' largest reflectances.

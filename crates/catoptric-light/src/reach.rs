@@ -27,6 +27,12 @@ impl Ball {
         let center = 0.5 * (low + high);
         Self { center, radius: points.map(|p| p.distance(center)).fold(0.0, f64::max) }
     }
+
+    /// Whether some of it lies on the side of a place to which a unit normal points.
+    #[inline]
+    pub(crate) fn is_above(&self, place: DVec3, normal: DVec3) -> bool {
+        normal.dot(self.center - place) > -self.radius
+    }
 }
 
 /// Where something may arrive.
@@ -242,6 +248,20 @@ mod tests {
         assert!(reach.holds(at(0.999 * half)) && !reach.holds(at(1.01 * half)));
         // A ball around the window has it everywhere.
         assert_eq!(Reach::through(source, Ball { radius: 9.0, ..window }), Reach::Everywhere);
+    }
+
+    /// No point of a ball that is not above a horizon is; of one that just is, some are.
+    #[test]
+    fn a_ball_is_above_a_horizon_as_long_as_its_highest_point_is() {
+        let ball = Ball { center: DVec3::new(0.4, 1.0, -2.0), radius: 0.25 };
+        let normal = DVec3::new(2.0, -1.0, 2.0) / 3.0;
+        let highest = ball.center + normal * ball.radius;
+        let beside = normal.any_orthonormal_vector() * 3.0;
+        assert!(ball.is_above(highest + beside - normal * 1e-6, normal));
+        let place = highest + beside + normal * 1e-6;
+        assert!(!ball.is_above(place, normal) && ball.is_above(place, -normal));
+        let is_above = |index| normal.dot(point_in(ball, Key::new(0, Purpose::Test, index)) - place) > 0.0;
+        assert!(!(0..1000).any(is_above));
     }
 
     #[test]

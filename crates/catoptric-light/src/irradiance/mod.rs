@@ -293,7 +293,7 @@ impl<'a> Lights<'a> {
         self.chains.seen_from(position, geometric, &mut seen);
         for &index in &seen {
             let chain = &self.chains.chains()[index as usize];
-            if !chain.may_reach(position) {
+            if !chain.may_light(position, geometric) {
                 continue;
             }
             let Some(image) = self.chains.unfold(chain, position, normal, geometric) else { continue };
