@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::{DVec2, DVec3};
 
-use catoptric_scene::{AlphaMode, PunctualLight, Rgb, Side, TriangleId};
+use catoptric_scene::{AlphaMode, Barycentric, PunctualLight, Rgb, Side, TriangleId};
 use catoptric_trace::chain::{Event, MAX_PLANAR};
 use catoptric_trace::plane::Plane;
 use catoptric_trace::{PlaneId, Tracer};
@@ -274,6 +274,12 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
             if !material.may_be_specular() {
                 continue;
             }
+            let point = scene.surface_point(id, Barycentric { u: 1.0 / 3.0, v: 1.0 / 3.0 });
+            let f0 = ((point.ior - 1.0) / (point.ior + 1.0)).powi(2);
+            let strength = point.mirror.max_element()
+                + point.coat * point.coat_share * f0
+                + point.transmission * f0 * 2.0
+                + point.clearcoat * 0.04;
             let corners = scene.corners(id).map(|c| c.as_dvec3());
             let piece = Aperture {
                 outline: Polygon::new(&corners),
@@ -293,7 +299,10 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
                 reflectors.len() - 1
             });
             let reflector = &mut reflectors[reflector];
-            reflector.strength = reflector.strength.max(scene.mirror_strength(id));
+            // Textured mirrors may be stronger elsewhere: the factor bounds them.
+            let bound =
+                if material.base_texture.is_some() { material.base_color.max_element() } else { strength };
+            reflector.strength = reflector.strength.max(bound.max(strength));
             reflector.even &= !material.has_textures()
                 && material.alpha_mode == AlphaMode::Opaque
                 && !tracer.is_covered(id);

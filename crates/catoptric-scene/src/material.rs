@@ -279,17 +279,3 @@ pub struct SurfacePoint {
     /// diffuse, else to be multiplied by [`Lobe::factor`].
     pub emission: Radiance,
 }
-
-impl SurfacePoint {
-    /// What it reflects like a mirror from straight ahead, in the channel where that is most; of a pane both faces.
-    pub fn mirror_strength(&self) -> f32 {
-        let f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
-        self.mirror.max_element()
-            + self.coat * self.coat_share * f0
-            + self.transmission * f0 * 2.0
-            + self.clearcoat * CLEARCOAT_F0
-    }
-}
-
-/// What a clearcoat of index 1.5 reflects from straight ahead.
-const CLEARCOAT_F0: f32 = 0.04;

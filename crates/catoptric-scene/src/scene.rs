@@ -324,19 +324,6 @@ impl Scene {
         normal.try_normalize().unwrap_or(self.geometric_normals[triangle.index()])
     }
 
-    /// An upper bound of what a triangle reflects like a mirror from straight ahead, in any channel.
-    pub fn mirror_strength(&self, triangle: TriangleId) -> f32 {
-        let third = 1.0 / 3.0;
-        let strength = self.surface_point(triangle, Barycentric { u: third, v: third }).mirror_strength();
-        let material = self.material_of(triangle);
-        // Textured mirrors may be stronger elsewhere: the factor bounds them.
-        if material.base_texture.is_some() {
-            strength.max(material.base_color.max_element())
-        } else {
-            strength
-        }
-    }
-
     /// What the surface does to light at a point: factors, textures and vertex colours evaluated.
     #[inline]
     pub fn surface_point(&self, triangle: TriangleId, at: Barycentric) -> SurfacePoint {

@@ -71,8 +71,8 @@ const MAX_LAYERS: u32 = 128;
 const MAX_IMAGE_PLANES: usize = 32;
 /// Reflecting planes below this share of the scene's reflecting and diffuse area are facets: only what they reflect alone has an image.
 const MIN_IMAGE_AREA: f64 = 2e-4;
-/// … and where what they reflect of what falls on them is less than this share of that area, they are parts of curved things.
-const MIN_FACET: f64 = 5e-6;
+/// … and below this share they are parts of curved things.
+const MIN_FACET_AREA: f64 = 5e-6;
 /// Facets at most: receivers ask of each whether its light comes their way.
 const MAX_FACETS: usize = 512;
 
@@ -639,7 +639,6 @@ enum Flat {
 /// The flat reflectors of each plane, the largest by reflecting area first.
 fn flat_mirrors(scene: &Scene, extent: &Extent, planes: &Planes) -> Vec<Flat> {
     let mut area = vec![0.0_f64; planes.len()];
-    let mut reflected = vec![0.0_f64; planes.len()];
     let mut total = 0.0_f64;
     for index in 0..scene.triangles().len() {
         let triangle = TriangleId(index as u32);
@@ -649,24 +648,15 @@ fn flat_mirrors(scene: &Scene, extent: &Extent, planes: &Planes) -> Vec<Flat> {
         total += if extent.is_outlying(triangle) { 0.0 } else { size };
         let reflects = material.may_be_specular() && !material.is_solid() && !scene.is_smooth(triangle);
         if reflects {
-            let plane = planes.of(triangle).0 as usize;
-            area[plane] += size;
-            reflected[plane] += size * f64::from(scene.mirror_strength(triangle));
+            area[planes.of(triangle).0 as usize] += size;
         }
     }
-    let ordered = |mut planes: Vec<usize>, by: &[f64]| {
-        planes.sort_by(|&a, &b| by[b].total_cmp(&by[a]).then(a.cmp(&b)));
-        planes
-    };
+    let mut order: Vec<usize> = (0..area.len()).filter(|&p| area[p] > MIN_FACET_AREA * total).collect();
+    order.sort_by(|&a, &b| area[b].total_cmp(&area[a]).then(a.cmp(&b)));
+    let large = order.iter().take_while(|&&p| area[p] > MIN_IMAGE_AREA * total).count().min(MAX_IMAGE_PLANES);
+    let (mirrors, facets) = order.split_at(large);
     let mut flat = vec![Flat::Nothing; planes.len()];
-    let large = (0..area.len()).filter(|&p| area[p] > MIN_IMAGE_AREA * total).collect();
-    for plane in ordered(large, &area).into_iter().take(MAX_IMAGE_PLANES) {
-        flat[plane] = Flat::Mirror;
-    }
-    // A facet is worth what it reflects: hundreds on plastic, each a twenty-fifth of a mirror, are followed from the lights as well.
-    let small = (0..area.len()).filter(|&p| flat[p] == Flat::Nothing && reflected[p] > MIN_FACET * total);
-    for plane in ordered(small.collect(), &reflected).into_iter().take(MAX_FACETS) {
-        flat[plane] = Flat::Facet;
-    }
+    mirrors.iter().for_each(|&plane| flat[plane] = Flat::Mirror);
+    facets.iter().take(MAX_FACETS).for_each(|&plane| flat[plane] = Flat::Facet);
     flat
 }
