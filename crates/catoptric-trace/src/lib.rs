@@ -8,6 +8,7 @@ pub mod boxes;
 pub mod chain;
 mod eight;
 pub mod extent;
+mod flat;
 pub mod fresnel;
 pub mod interaction;
 pub mod ledger;
