@@ -8,7 +8,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use catoptric_scene::Rgb;
-use catoptric_trace::{PlaneId, Tracer};
+use catoptric_trace::{PlaneId, Ray, Tracer};
 
 use crate::JOB;
 use crate::draft::Draft;
@@ -34,7 +34,7 @@ type Mix = [(u32, f32); 4];
 
 const ASKED: u32 = u32::MAX;
 
-/// Where vertices must agree to share: place, direction, side and medium.
+/// Where vertices must agree to share: place, direction, side, medium, and how closely something covers them.
 type GroupKey = ([i32; 3], [i8; 3], u32);
 
 /// Normals of vertices that share directly are within about half of this (as a difference of unit vectors).
@@ -65,14 +65,15 @@ impl Sharing {
         alone: &[bool],
     ) -> Self {
         let eligible = eligible(draft, spacing, alone);
+        let free = free_heights(tracer, draft, &eligible, cell);
         let mut cell = cell;
-        let mut members = group(draft, &eligible, cell);
+        let mut members = group(draft, &eligible, &free, cell);
         for _ in 0..MAX_ROUNDS {
             if members.chunk_by(|a, b| a.0 == b.0).count() <= budget {
                 break;
             }
             cell *= 1.5;
-            members = group(draft, &eligible, cell);
+            members = group(draft, &eligible, &free, cell);
         }
 
         // The member nearest to the middle leads.
@@ -97,7 +98,7 @@ impl Sharing {
             .par_iter()
             .with_min_len(64)
             .with_max_len(8 * JOB)
-            .map(|&(v, own)| seen(tracer, draft, v, cell, mix(draft, v, own, cell, &around)))
+            .map(|&(v, own)| seen(tracer, draft, v, cell, mix(draft, v, own, &free, cell, &around)))
             .collect();
 
         let count = draft.vertices.len();
@@ -127,7 +128,7 @@ impl Sharing {
             .par_iter()
             .with_min_len(64)
             .with_max_len(8 * JOB)
-            .map(|&v| seen(tracer, draft, v, cell, mix(draft, v, v, cell, &around)))
+            .map(|&v| seen(tracer, draft, v, cell, mix(draft, v, v, &free, cell, &around)))
             .collect();
         sharing
     }
@@ -193,9 +194,16 @@ impl Sharing {
 }
 
 /// The nearest leads around a vertex that look the same way; its own counts at least a little.
-fn mix(draft: &Draft, member: u32, own: u32, cell: f32, around: &HashMap<([i32; 3], u32), Vec<Lead>>) -> Mix {
+fn mix(
+    draft: &Draft,
+    member: u32,
+    own: u32,
+    free: &[f32],
+    cell: f32,
+    around: &HashMap<([i32; 3], u32), Vec<Lead>>,
+) -> Mix {
     let at = &draft.vertices[member as usize];
-    let (place, kind) = (place(at.position, cell), kind(draft, member));
+    let (place, kind) = (place(at.position, cell), kind(draft, free, cell, member));
     let mut mix = [(own, 0.0_f32); 4];
     for offset in 0..27 {
         let shift = [offset % 3 - 1, offset / 3 % 3 - 1, offset / 9 - 1];
@@ -230,6 +238,10 @@ fn mix(draft: &Draft, member: u32, own: u32, cell: f32, around: &HashMap<([i32; 
 
 /// Height above the surface, in cells, at which vertices that share must see each other: above what curves between them.
 const LIFT: f32 = 0.25;
+/// Heights, likewise, below which what covers vertices tells them apart: what a leaf lies on another by is in other light than what is free.
+const COVERS: [f32; 3] = [1.0, 0.25, 0.0625];
+/// Height, likewise, from which on it is asked what covers a vertex of a curved face: its neighbours are not.
+const CLOSE: f32 = 1e-3;
 
 /// A mix without the leads that the vertex does not see: the foot of a leg under a carpet and the leg above it are near to
 /// each other, but in other light. No weight at all where none is left.
@@ -267,7 +279,7 @@ fn eligible(draft: &Draft, spacing: f32, alone: &[bool]) -> Vec<u32> {
 }
 
 /// The vertices with their keys, sorted.
-fn group(draft: &Draft, eligible: &[u32], cell: f32) -> Vec<(GroupKey, u32)> {
+fn group(draft: &Draft, eligible: &[u32], free: &[f32], cell: f32) -> Vec<(GroupKey, u32)> {
     let mut members: Vec<(GroupKey, u32)> = eligible
         .par_iter()
         .with_min_len(1024)
@@ -275,7 +287,7 @@ fn group(draft: &Draft, eligible: &[u32], cell: f32) -> Vec<(GroupKey, u32)> {
             let vertex = &draft.vertices[v as usize];
             let direction = (vertex.normal / NORMAL_STEP).round();
             let direction = [direction.x as i8, direction.y as i8, direction.z as i8];
-            ((place(vertex.position, cell), direction, kind(draft, v)), v)
+            ((place(vertex.position, cell), direction, kind(draft, free, cell, v)), v)
         })
         .collect();
     members.par_sort_unstable();
@@ -287,9 +299,31 @@ fn place(position: Vec3, cell: f32) -> [i32; 3] {
     [cube.x as i32, cube.y as i32, cube.z as i32]
 }
 
-fn kind(draft: &Draft, vertex: u32) -> u32 {
+/// Medium, side, and how closely something covers the vertex.
+fn kind(draft: &Draft, free: &[f32], cell: f32, vertex: u32) -> u32 {
+    let cover = COVERS.iter().filter(|cover| free[vertex as usize] < **cover * cell).count();
     let vertex = &draft.vertices[vertex as usize];
-    u32::from(vertex.medium.0) << 1 | draft.faces[vertex.face as usize].side as u32
+    let side = draft.faces[vertex.face as usize].side as u32;
+    u32::from(vertex.medium.0) << 3 | side << 2 | cover as u32
+}
+
+/// Metres above each eligible vertex in which nothing is; zero for others.
+fn free_heights(tracer: &Tracer, draft: &Draft, eligible: &[u32], cell: f32) -> Vec<f32> {
+    let height = |&vertex: &u32| {
+        let receiver = draft.receiver(tracer, vertex);
+        // Beside a line where something crosses its face, what covers a vertex is hardly above it.
+        let lift = if receiver.plane == PlaneId::NONE { CLOSE * cell } else { 0.0 };
+        let (origin, direction) = (receiver.position + receiver.normal * lift, receiver.normal);
+        let ray = Ray { origin, direction, from: receiver.plane };
+        (vertex, tracer.nearest(&ray, f32::INFINITY).map_or(f32::INFINITY, |hit| hit.t))
+    };
+    let heights: Vec<(u32, f32)> =
+        eligible.par_iter().with_min_len(64).with_max_len(8 * JOB).map(height).collect();
+    let mut free = vec![0.0; draft.vertices.len()];
+    for (vertex, height) in heights {
+        free[vertex as usize] = height;
+    }
+    free
 }
 
 #[cfg(test)]
@@ -321,6 +355,48 @@ mod tests {
         }
         // The leg is cut at the rug and, above, into pieces of a few cells.
         assert!(pairs > 8, "{pairs}");
+    }
+
+    /// Angle between two leaves.
+    const TURN: f32 = 15.0 * std::f32::consts::PI / 180.0;
+
+    #[test]
+    fn what_a_leaf_covers_of_another_does_not_share_with_what_is_free() {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        parts.add_quad("floor", white, Vec3::new(-3.0, -0.5, 3.0), Vec3::X * 6.0, Vec3::Z * -6.0);
+        // Two upright leaves that cross in the y axis by fifteen degrees, the second one wider: all of one half of the first is behind it, 8 mm
+        // at most.
+        let turned = Vec3::new(libm::sinf(TURN), 0.0, libm::cosf(TURN));
+        for piece in 0..6 {
+            let (from, up) = (Vec3::Y * (0.05 * piece as f32), Vec3::Y * 0.05);
+            parts.add_quad("straight", white, from - Vec3::Z * 0.03, up, Vec3::Z * 0.06);
+            parts.add_quad("turned", white, from - turned * 0.05, up, turned * 0.1);
+        }
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let (draft, _) = coarse_patches(&tracer, 200);
+        let sharing = Sharing::new(&tracer, &draft, 0.8, 0.1, 1000, &[]);
+        // What is seen along a normal: the first leaf hides the middle of the other's half.
+        let is_free = |v: u32| {
+            let Vec3 { x, z, .. } = draft.vertices[v as usize].sample;
+            let is_first = x.abs() < 1e-3 * z.abs();
+            if is_first { z < 0.0 } else { z > 0.0 || z < -0.03 * libm::cosf(TURN) }
+        };
+        let mut pairs = [0, 0];
+        let faces_x = |v: u32| draft.vertices[v as usize].normal.x > 0.9;
+        for v in (0..draft.vertices.len() as u32).filter(|&v| faces_x(v)) {
+            for &(lead, _) in sharing.parts(v).iter().filter(|part| part.1 > 0.0) {
+                assert_eq!(
+                    is_free(v),
+                    is_free(lead),
+                    "{:?} takes light from {lead}",
+                    draft.vertices[v as usize]
+                );
+                pairs[usize::from(is_free(v))] += 1;
+            }
+        }
+        assert!(pairs[0] > 4 && pairs[1] > 4, "{pairs:?}");
     }
 
     #[test]
