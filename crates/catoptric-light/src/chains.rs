@@ -13,6 +13,7 @@ use crate::Receiver;
 use crate::chain_tree::ChainTree;
 use crate::contour::Polygon;
 use crate::emitter::Emitters;
+use crate::lamp::Lamp;
 use crate::light_tree::{View, Windows};
 use crate::reach::{Ball, Beam, Reach, source_balls};
 
@@ -116,7 +117,7 @@ impl ImageChains {
     /// Finds the reflectors and the chains between them that can carry light from a source, and the facets that can. `bright_sky`: there
     /// is a part of the sky that counts as one.
     pub fn new(tracer: &Tracer, emitters: &Emitters, bright_sky: bool) -> Self {
-        let mut reflectors = reflectors(tracer);
+        let mut reflectors = reflectors(tracer, emitters.lamps());
         reflectors.sort_by_key(|r| r.is_facet);
         let far_sources = !tracer.scene().lights().is_empty() || bright_sky;
         let sees = |a: &Reflector, b: &Reflector| {
@@ -257,9 +258,11 @@ fn in_front(piece: &Aperture, outline: &Polygon) -> bool {
     })
 }
 
-/// The planes with images, their pieces joined to parallelograms where they are.
-fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
+/// The planes with images, their pieces joined to parallelograms where they are. What is inside of a lamp, as the end of a pole that a globe stands on,
+/// reflects nothing to anyone.
+fn reflectors(tracer: &Tracer, lamps: &[Lamp]) -> Vec<Reflector> {
     let scene = tracer.scene();
+    let mut lamps_in: HashMap<PlaneId, Vec<&Lamp>> = HashMap::new();
     let mut reflectors: Vec<Reflector> = Vec::new();
     let mut known: HashMap<PlaneId, usize> = HashMap::new();
     for surface in scene.surfaces() {
@@ -274,13 +277,20 @@ fn reflectors(tracer: &Tracer) -> Vec<Reflector> {
             if !material.may_be_specular() {
                 continue;
             }
+            let corners = scene.corners(id).map(|c| c.as_dvec3());
+            let lamps = lamps_in.entry(plane).or_insert_with(|| {
+                let equation = tracer.planes().plane(plane);
+                lamps.iter().filter(|lamp| equation.distance(lamp.ball().0).abs() < lamp.ball().1).collect()
+            });
+            if lamps.iter().any(|lamp| corners.iter().all(|c| lamp.holds(*c))) {
+                continue;
+            }
             let point = scene.surface_point(id, Barycentric { u: 1.0 / 3.0, v: 1.0 / 3.0 });
             let f0 = ((point.ior - 1.0) / (point.ior + 1.0)).powi(2);
             let strength = point.mirror.max_element()
                 + point.coat * point.coat_share * f0
                 + point.transmission * f0 * 2.0
                 + point.clearcoat * 0.04;
-            let corners = scene.corners(id).map(|c| c.as_dvec3());
             let piece = Aperture {
                 outline: Polygon::new(&corners),
                 normal: Side::Front.orient(scene.geometric_normal(id)).as_dvec3(),

@@ -332,6 +332,12 @@ impl Lamp {
         }
     }
 
+    /// Whether a point lies inside of it, where nobody sees it: of what is closed.
+    pub(crate) fn holds(&self, point: DVec3) -> bool {
+        let is_closed = self.facets.glowing == self.facets.len();
+        is_closed && self.distance(point) < 0.0 && self.facets.planes.iter().all(|p| p.distance(point) < 0.0)
+    }
+
     /// Facets among which its outline is looked for; none of a ball.
     pub fn facet_count(&self) -> usize {
         if self.round.is_some() { 0 } else { self.facets.len() }

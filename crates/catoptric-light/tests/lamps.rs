@@ -350,6 +350,36 @@ fn what_is_open_or_dented_or_many_is_no_lamp() {
     assert_eq!(many(40, 32), 40);
 }
 
+/// The end of a pole that stands in a glowing globe is seen by nobody, and would have cut the globe into facets for every receiver. One that
+/// stands out of it has images, as one in a tube whose ends are open.
+#[test]
+fn a_mirror_inside_of_a_lamp_has_no_images() {
+    type Build = fn(&mut SceneParts, MaterialId);
+    let bodies: [(&str, Build, bool); 4] = [
+        ("ball", |p, m| p.add_sphere("lamp", m, Vec3::ZERO, 0.3, 12), true),
+        ("fine ball", |p, m| p.add_sphere("lamp", m, Vec3::ZERO, 0.3, 48), true),
+        ("box", |p, m| p.add_box("lamp", m, Vec3::splat(-0.3), Vec3::splat(0.3), false), true),
+        ("tube", |p, m| add_tube(p, m, 16), false),
+    ];
+    for (name, build, is_closed) in bodies {
+        for (half, is_inside) in [(0.1_f32, true), (0.5, false)] {
+            let mut parts = SceneParts::default();
+            let material = glowing(&mut parts);
+            build(&mut parts, material);
+            // Its own light does not fall into it.
+            parts.add_quad("panel", material, Vec3::new(-0.5, 3.0, -0.5), Vec3::X, Vec3::Z);
+            let silver = parts.add_material(Material::mirror("silver", Rgb::splat(0.9)));
+            let corner = Vec3::new(-half, -0.1, half);
+            parts.add_quad("mirror", silver, corner, Vec3::X * (2.0 * half), Vec3::Z * (-2.0 * half));
+            let scene = Scene::new(parts).expect("a valid scene");
+            let tracer = Tracer::new(&scene);
+            let lights = Lights::new(&tracer, LightParams::default());
+            let expected = usize::from(!(is_inside && is_closed));
+            assert_eq!(lights.chains().chains().len(), expected, "{name}, {half}");
+        }
+    }
+}
+
 /// Four shadow rays tell whether a lamp is seen wholly or not at all, of a weak lamp beside a strong one, too: each of few
 /// has as many of its own.
 #[test]
