@@ -3,6 +3,8 @@
 use glam::DVec3;
 
 use catoptric_scene::{Barycentric, Lobe, Rgb, Side, Surface, TriangleId};
+use catoptric_trace::chain::Event;
+use catoptric_trace::plane::Plane;
 use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame, triangle_point};
 use catoptric_trace::{PlaneId, Ray, Tracer};
 
@@ -192,6 +194,8 @@ const MAX_BROAD: usize = 16;
 const MAX_LAMPS: usize = 256;
 /// So few coarse balls are asked by their outlines: it costs little. (Two in interior: 3 % of the time, and closer by 1 % of FLIP.)
 const FEW_BALLS: usize = 4;
+/// Facets above which those of a lamp that a mirror's plane cuts are asked by a tree.
+const MANY_FACETS: usize = 64;
 /// Facets of all lamps but balls at most: each receiver looks for outlines among them.
 const MAX_FACETS: usize = 1 << 17;
 
@@ -393,9 +397,18 @@ impl Emitters {
         let (tree, order) = LightTree::new(&others);
         self.tree = tree;
         self.cells = in_order(&others, &order);
+        let mirrors = image_planes(tracer);
         for (index, lamp) in lamps.iter_mut().enumerate() {
             let start = self.cells.len() as u32;
-            self.cells.extend(of(Some(index)));
+            let own: Vec<Cell> = of(Some(index)).collect();
+            let is_cut = |plane: &Plane| plane.distance(lamp.ball().0).abs() < lamp.ball().1;
+            if own.len() > MANY_FACETS && mirrors.iter().any(is_cut) {
+                let (root, order) = self.tree.add(&own, start);
+                lamp.root = Some(root);
+                self.cells.extend(in_order(&own, &order));
+            } else {
+                self.cells.extend(own);
+            }
             lamp.cells = start..self.cells.len() as u32;
         }
         self.lamps = lamps;
@@ -462,6 +475,19 @@ impl Emitters {
         let all = self.cells.iter().chain(&self.broad);
         all.map(|c| c.radiance * (std::f64::consts::PI * c.area) as f32).sum()
     }
+}
+
+/// The planes of mirrors that have images.
+fn image_planes(tracer: &Tracer) -> Vec<Plane> {
+    let mut ids: Vec<PlaneId> = (0..tracer.scene().triangles().len() as u32)
+        .filter_map(|index| match tracer.reflection(TriangleId(index)) {
+            Event::Planar(plane) | Event::Facet(plane) => Some(plane),
+            Event::Undeviated | Event::Curved | Event::Enters(_) | Event::Leaves(_) => None,
+        })
+        .collect();
+    ids.sort_unstable();
+    ids.dedup();
+    ids.into_iter().map(|id| tracer.planes().plane(id)).collect()
 }
 
 /// The parallelogram that two triangles of a plane make up, if they do: corner and edges.

@@ -34,6 +34,8 @@ pub struct Lamp {
     pub triangles: Range<u32>,
     /// Its cells, for what has to take them one by one.
     pub cells: Range<u32>,
+    /// The root of a tree over them in [`Emitters::tree`](crate::emitter::Emitters::tree), where mirrors' planes cut the lamp and they are many.
+    pub root: Option<u32>,
     center: DVec3,
     radius: f64,
     /// A box around it, where that is much narrower than the ball.
@@ -302,6 +304,7 @@ impl Lamp {
             radiance,
             triangles,
             cells,
+            root: None,
             center,
             radius,
             extent,

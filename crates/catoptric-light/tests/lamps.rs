@@ -478,6 +478,8 @@ fn panels_of_a_mirror_show_the_lamp_that_their_plane_cuts() {
         let ball = scene.surfaces()[0].triangles.clone();
         let tracer = Tracer::new(&scene);
         let lights = Lights::new(&tracer, LightParams::default());
+        // Its facets are asked by a tree of their own where the plane of the panels, x = 0, cuts it.
+        assert_eq!(lights.emitters().lamps()[0].root.is_some(), x < 0.4, "{x}");
         let (mut scratch, key) = (Scratch::default(), Key::new(2, Purpose::Test, 0));
         let [mut sum, mut errors, mut variances, mut squares] = [0.0; 4];
         for index in 0..RECEIVERS {

@@ -134,6 +134,8 @@ impl Found {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Seeker {
     cut: Cut,
+    /// Of trees over the facets of lamps that are to be asked.
+    roots: Vec<u32>,
     outline: Outline,
     spare: [Vec<DVec3>; 2],
     polygons: Spare,
@@ -148,15 +150,26 @@ const PARTS: [usize; 2] = [16, 1];
 impl Lights<'_> {
     /// Finds the parts of the emitters that may be seen, clipped to horizon and windows.
     pub(super) fn gather(&self, at: Standpoint, samples: u32, found: &mut Found, seeker: &mut Seeker) {
+        found.small.clear();
+        found.bundles.clear();
+        found.loose.clear();
         self.gather_lamps(at, found, seeker);
-        let (image, Seeker { cut, polygons, .. }) = (at.image, seeker);
-        let Found { pieces, corners, small, bundles, loose, windows, .. } = found;
-        small.clear();
-        bundles.clear();
-        loose.clear();
         let budget = |[least, each]: [usize; 2]| least + each * samples as usize;
+        let (tree, cells) = (self.emitters.tree(), self.emitters.cells());
+        tree.cut(cells, &at.image.view(&found.windows), budget(WHOLE), budget(PARTS), &mut seeker.cut);
+        self.gather_parts(at.image, found, seeker);
+        for index in 0..seeker.roots.len() {
+            let root = seeker.roots[index];
+            tree.cut_added(cells, &at.image.view(&found.windows), root, budget(PARTS), &mut seeker.cut);
+            self.gather_parts(at.image, found, seeker);
+        }
+    }
+
+    /// Adds the parts of a cut.
+    fn gather_parts(&self, image: &Unfolded, found: &mut Found, seeker: &mut Seeker) {
+        let Seeker { cut, polygons, .. } = seeker;
+        let Found { pieces, corners, small, bundles, loose, windows, .. } = found;
         let view = image.view(windows);
-        self.emitters.tree().cut(self.emitters.cells(), &view, budget(WHOLE), budget(PARTS), cut);
         for part in cut.parts() {
             match part {
                 Part::Group(group) => {
@@ -184,8 +197,9 @@ impl Lights<'_> {
     /// The windows, and the parts of the lamps that the receiver may see; those that are too near, by their cells.
     fn gather_lamps(&self, at: Standpoint, found: &mut Found, seeker: &mut Seeker) {
         let Found { pieces, windows, lamps, corners, .. } = found;
-        let Seeker { outline, spare: [part, spare], polygons, .. } = seeker;
+        let Seeker { outline, spare: [part, spare], polygons, roots, .. } = seeker;
         let image = at.image;
+        roots.clear();
         pieces.clear();
         lamps.clear();
         corners.clear();
@@ -205,6 +219,7 @@ impl Lights<'_> {
             };
             match sight {
                 Sight::Hidden => {}
+                Sight::Facets if let Some(root) = lamp.root => roots.push(root),
                 Sight::Facets => {
                     for cell in lamp.cells.clone() {
                         if self.emitters.cells()[cell as usize].faces(image.position) {

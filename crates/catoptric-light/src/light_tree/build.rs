@@ -7,7 +7,7 @@ use catoptric_scene::Rgb;
 use crate::emitter::Cell;
 
 use super::bundle::{BUNDLE, Bundle};
-use super::{COUNTS, GROUP_CONE_COS, LOBED, LightTree, Node, SLACK};
+use super::{COUNTS, GROUP_CONE_COS, LOBED, LightTree, Main, Node, SLACK};
 
 /// What the tree has to know of a cell.
 #[derive(Clone, Copy, Debug)]
@@ -45,7 +45,21 @@ impl LightTree {
             tree.add_nodes(1);
             tree.far_groups = tree.build(&sources, 0, &mut order, 0, None);
         }
+        tree.main = Main { nodes: tree.nodes.len(), bundles: tree.bundles.len() };
         (tree, order)
+    }
+
+    /// Adds a tree of its own over `cells`, which begin at `first`, beside that over all: returns its root, and the order of these cells that
+    /// its leaves count in.
+    pub fn add(&mut self, cells: &[Cell], first: u32) -> (u32, Vec<u32>) {
+        let mut order: Vec<u32> = (0..cells.len() as u32).collect();
+        let sources: Vec<Source> = cells.iter().map(Source::new).collect();
+        if self.power <= 0.0 {
+            self.power = cells.iter().map(Cell::strength).sum();
+        }
+        let root = self.add_nodes(1);
+        self.build(&sources, root, &mut order, first, None);
+        (root, order)
     }
 
     /// Adds empty nodes; returns the index of the first.

@@ -71,13 +71,22 @@ const LOBED: u32 = 1 << 31;
 /// Added to the sines of half-angles, so that what rounding of f32 turns away is kept.
 const SLACK: f32 = 1e-6;
 
-/// The tree.
+/// Numbers of nodes and bundles.
+#[derive(Clone, Copy, Debug, Default)]
+struct Main {
+    nodes: usize,
+    bundles: usize,
+}
+
+/// The tree over all cells but those of lamps, and beside it some of one lamp each.
 #[derive(Clone, Debug, Default)]
 pub struct LightTree {
     nodes: Vec<Node>,
     /// Σ radiance × area × normal of each node, per channel.
     vectors: Vec<[DVec3; 3]>,
     bundles: Vec<Bundle>,
+    /// What of these is part of the tree over all.
+    main: Main,
     /// Groups that are exact enough from far away, at the least.
     far_groups: usize,
     /// Σ radiance × area over channels, at the lobe's peak, of all cells.
@@ -179,16 +188,28 @@ impl LightTree {
         // Half of the groups are averted, more or less.
         let may_be_whole = self.far_groups <= 4 * whole;
         // Half of those of a closed body are averted.
-        let may_be_bundles = self.bundles.len() <= 2 * BUNDLES;
-        if self.nodes.is_empty()
-            || may_be_whole && self.cut_whole(cells, view, Leaves::Cells, whole, cut)
-            || may_be_bundles && self.cut_whole(cells, view, Leaves::Bundles, BUNDLES, cut)
+        let may_be_bundles = self.main.bundles <= 2 * BUNDLES;
+        if self.main.nodes == 0
+            || may_be_whole && self.cut_whole(cells, view, 0, Leaves::Cells, whole, cut)
+            || may_be_bundles && self.cut_whole(cells, view, 0, Leaves::Bundles, BUNDLES, cut)
         {
             return;
         }
+        self.cut_strongest(cells, view, 0, budget, cut);
+    }
+
+    /// The same of a tree that was added, by its root.
+    pub fn cut_added(&self, cells: &[Cell], view: &View, root: u32, budget: usize, cut: &mut Cut) {
+        if !self.cut_whole(cells, view, root, Leaves::Bundles, BUNDLES, cut) {
+            self.cut_strongest(cells, view, root, budget, cut);
+        }
+    }
+
+    /// Divides the strongest groups first.
+    fn cut_strongest(&self, cells: &[Cell], view: &View, root: u32, budget: usize, cut: &mut Cut) {
         cut.heap.clear();
         cut.found.clear();
-        self.open(cells, view, 0, cut);
+        self.open(cells, view, root, cut);
         while cut.found.len() + cut.heap.len() < budget
             && let Some(group) = cut.heap.pop()
         {
@@ -205,11 +226,19 @@ impl LightTree {
 
     /// Divides all groups in their order, which is far cheaper than the strongest first; `false` where the budget does
     /// not hold them.
-    fn cut_whole(&self, cells: &[Cell], view: &View, leaves: Leaves, budget: usize, cut: &mut Cut) -> bool {
+    fn cut_whole(
+        &self,
+        cells: &[Cell],
+        view: &View,
+        root: u32,
+        leaves: Leaves,
+        budget: usize,
+        cut: &mut Cut,
+    ) -> bool {
         let mut visits = 0;
         cut.found.clear();
         cut.waiting.clear();
-        cut.waiting.push(0);
+        cut.waiting.push(root);
         while let Some(index) = cut.waiting.pop() {
             visits += 1;
             if cut.found.len() == budget || visits > VISITS_PER_PART * budget {
@@ -261,7 +290,7 @@ impl LightTree {
             return Look::Dark;
         }
         let distance = offset.length();
-        let few = self.nodes.len() <= 2 * FEW;
+        let few = self.main.nodes <= 2 * FEW && (index as usize) < self.main.nodes;
         let whole = height > radius && view.shows_beyond(node.center, radius);
         let small = radius < GROUP_RATIO * distance && whole && !few && !node.is_lobed();
         let Some(children) = children else {
