@@ -55,7 +55,8 @@ struct Lead {
 
 impl Sharing {
     /// Groups the vertices of fine meshes by cubes of `cell` metres, larger ones if more than `budget` groups came of
-    /// it. `alone`: vertices that neither take nor give. Those that do not see each other do not share.
+    /// it. `alone`: vertices that neither take nor give. Those that do not see each other do not share, nor do those that are not covered alike
+    /// where the budget holds all such groups.
     pub fn new(
         tracer: &Tracer,
         draft: &Draft,
@@ -65,11 +66,17 @@ impl Sharing {
         alone: &[bool],
     ) -> Self {
         let eligible = eligible(draft, spacing, alone);
-        let free = free_heights(tracer, draft, &eligible, cell);
+        let mut free = free_heights(tracer, draft, &eligible, cell);
         let mut cell = cell;
         let mut members = group(draft, &eligible, &free, cell);
+        let are_too_many = |members: &[(GroupKey, u32)]| members.chunk_by(|a, b| a.0 == b.0).count() > budget;
+        if are_too_many(&members) {
+            // Smaller cells are worth more: in dense foliage all leaves are covered by some.
+            free.fill(f32::INFINITY);
+            members = group(draft, &eligible, &free, cell);
+        }
         for _ in 0..MAX_ROUNDS {
-            if members.chunk_by(|a, b| a.0 == b.0).count() <= budget {
+            if !are_too_many(&members) {
                 break;
             }
             cell *= 1.5;
