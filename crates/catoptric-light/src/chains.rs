@@ -280,7 +280,7 @@ fn reflectors(tracer: &Tracer, lamps: &[Lamp]) -> Vec<Reflector> {
             let corners = scene.corners(id).map(|c| c.as_dvec3());
             let lamps = lamps_in.entry(plane).or_insert_with(|| {
                 let equation = tracer.planes().plane(plane);
-                lamps.iter().filter(|lamp| equation.distance(lamp.ball().0).abs() < lamp.ball().1).collect()
+                lamps.iter().filter(|lamp| lamp.may_be_cut_by(&equation)).collect()
             });
             if lamps.iter().any(|lamp| corners.iter().all(|c| lamp.holds(*c))) {
                 continue;

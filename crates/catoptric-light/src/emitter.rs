@@ -401,8 +401,7 @@ impl Emitters {
         for (index, lamp) in lamps.iter_mut().enumerate() {
             let start = self.cells.len() as u32;
             let own: Vec<Cell> = of(Some(index)).collect();
-            let is_cut = |plane: &Plane| plane.distance(lamp.ball().0).abs() < lamp.ball().1;
-            if own.len() > MANY_FACETS && mirrors.iter().any(is_cut) {
+            if own.len() > MANY_FACETS && mirrors.iter().any(|plane| lamp.may_be_cut_by(plane)) {
                 let (root, order) = self.tree.add(&own, start);
                 lamp.root = Some(root);
                 self.cells.extend(in_order(&own, &order));

@@ -335,6 +335,11 @@ impl Lamp {
         }
     }
 
+    /// Whether a plane may cut it.
+    pub(crate) fn may_be_cut_by(&self, plane: &Plane) -> bool {
+        plane.distance(self.center).abs() < self.radius
+    }
+
     /// Whether a point lies inside of it, where nobody sees it: of what is closed.
     pub(crate) fn holds(&self, point: DVec3) -> bool {
         let is_closed = self.facets.glowing == self.facets.len();

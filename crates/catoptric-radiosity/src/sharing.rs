@@ -66,7 +66,7 @@ impl Sharing {
         alone: &[bool],
     ) -> Self {
         let eligible = eligible(draft, spacing, alone);
-        let mut free = free_heights(tracer, draft, &eligible, cell);
+        let mut free = free_heights(tracer, draft, &eligible);
         let mut cell = cell;
         let mut members = group(draft, &eligible, &free, cell);
         let are_too_many = |members: &[(GroupKey, u32)]| members.chunk_by(|a, b| a.0 == b.0).count() > budget;
@@ -246,9 +246,8 @@ fn mix(
 /// Height above the surface, in cells, at which vertices that share must see each other: above what curves between them.
 const LIFT: f32 = 0.25;
 /// Heights, likewise, below which what covers vertices tells them apart: what a leaf lies on another by is in other light than what is free.
+/// (By measurement: leaves that cross in a greenhouse were at .88 of their light with the second one alone, at .97 with these.)
 const COVERS: [f32; 3] = [1.0, 0.25, 0.0625];
-/// Height, likewise, from which on it is asked what covers a vertex of a curved face: its neighbours are not.
-const CLOSE: f32 = 1e-3;
 
 /// A mix without the leads that the vertex does not see: the foot of a leg under a carpet and the leg above it are near to
 /// each other, but in other light. No weight at all where none is left.
@@ -315,13 +314,10 @@ fn kind(draft: &Draft, free: &[f32], cell: f32, vertex: u32) -> u32 {
 }
 
 /// Metres above each eligible vertex in which nothing is; zero for others.
-fn free_heights(tracer: &Tracer, draft: &Draft, eligible: &[u32], cell: f32) -> Vec<f32> {
+fn free_heights(tracer: &Tracer, draft: &Draft, eligible: &[u32]) -> Vec<f32> {
     let height = |&vertex: &u32| {
         let receiver = draft.receiver(tracer, vertex);
-        // Beside a line where something crosses its face, what covers a vertex is hardly above it.
-        let lift = if receiver.plane == PlaneId::NONE { CLOSE * cell } else { 0.0 };
-        let (origin, direction) = (receiver.position + receiver.normal * lift, receiver.normal);
-        let ray = Ray { origin, direction, from: receiver.plane };
+        let ray = Ray { origin: receiver.position, direction: receiver.normal, from: receiver.plane };
         (vertex, tracer.nearest(&ray, f32::INFINITY).map_or(f32::INFINITY, |hit| hit.t))
     };
     let heights: Vec<(u32, f32)> =
@@ -337,7 +333,7 @@ fn free_heights(tracer: &Tracer, draft: &Draft, eligible: &[u32], cell: f32) -> 
 mod tests {
     use super::*;
     use crate::base_mesh::coarse_patches;
-    use catoptric_scene::{Material, Scene, SceneParts};
+    use catoptric_scene::{Material, Scene, SceneParts, Side};
 
     #[test]
     fn a_leg_above_a_rug_does_not_share_with_its_foot_below() {
@@ -404,6 +400,21 @@ mod tests {
             }
         }
         assert!(pairs[0] > 4 && pairs[1] > 4, "{pairs:?}");
+    }
+
+    #[test]
+    fn nothing_covers_a_ball_not_even_its_own_facets() {
+        let mut parts = SceneParts::default();
+        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        parts.add_sphere("ball", white, Vec3::new(0.3, 0.7, -0.2), 0.4, 24);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let (draft, _) = coarse_patches(&tracer, 200);
+        let outside = |v: &u32| draft.faces[draft.vertices[*v as usize].face as usize].side == Side::Front;
+        let vertices: Vec<u32> = eligible(&draft, 0.5, &[]).into_iter().filter(outside).collect();
+        let free = free_heights(&tracer, &draft, &vertices);
+        assert!(vertices.len() > 100, "{}", vertices.len());
+        assert!(vertices.iter().all(|&v| free[v as usize] == f32::INFINITY));
     }
 
     #[test]

@@ -89,7 +89,7 @@ pub struct LightTree {
     main: Main,
     /// Groups that are exact enough from far away, at the least.
     far_groups: usize,
-    /// Σ radiance × area over channels, at the lobe's peak, of all cells.
+    /// Σ radiance × area over channels, at the lobe's peak, of all cells but those of lamps; of the first such lamp's where there are no others.
     power: f64,
 }
 
