@@ -40,18 +40,9 @@ fn main() -> ExitCode {
 
 fn run(command: &Command) -> Result<ExitCode, Failure> {
     match command {
-        Command::Render(args) => {
-            start_threads(&args.run)?;
-            render::run(args)?;
-        }
-        Command::Solve(args) => {
-            start_threads(&args.run)?;
-            solve::run(args)?;
-        }
-        Command::FormFactors(args) => {
-            start_threads(&args.run)?;
-            form_factors::run(args)?;
-        }
+        Command::Render(args) => in_threads(&args.run, || render::run(args))?,
+        Command::Solve(args) => in_threads(&args.run, || solve::run(args))?,
+        Command::FormFactors(args) => in_threads(&args.run, || form_factors::run(args))?,
         Command::Info(args) => info::run(args)?,
         Command::Diff(args) => return Ok(diff::run(args)),
         Command::Completions { shell } => {
@@ -63,10 +54,12 @@ fn run(command: &Command) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// As many threads as were asked for, else one per processor.
-fn start_threads(args: &RunArgs) -> Result<(), Failure> {
+/// Does something in as many threads as were asked for, else in one per processor.
+fn in_threads(args: &RunArgs, work: impl FnOnce() -> Result<(), Failure> + Send) -> Result<(), Failure> {
     let threads = args.threads.map_or(0, usize::from);
     rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().map_err(|error| {
         Failure::run(format_args!("cannot start the threads: {error}"), "try fewer: --threads 1")
-    })
+    })?;
+    // All of it, what is serial too: were there one thread more than processors, the others would wake up two to a processor.
+    rayon::scope(|_| work())
 }
