@@ -148,6 +148,10 @@ pub fn cut(corners: &mut Vec<DVec3>, normal: DVec3, offset: f64, spare: &mut Vec
     }
 }
 
+/// Corners this near to a line, as a share of the largest distance of one from it, lie on it: 1e-10 of a polygon's area, and beyond what
+/// rounding leaves of a kilometre beside a decimetre. An edge between what rounding tells apart would have any direction.
+const ON_LINE: f64 = 1e-10;
+
 /// Visits the corners of the part of a polygon whose `height` is not below zero, in space or in a plane (Sutherland & Hodgman 1974).
 #[inline]
 pub fn clip<P: Copy>(
@@ -157,13 +161,15 @@ pub fn clip<P: Copy>(
     mut visit: impl FnMut(P),
 ) {
     let Some(&last) = corners.last() else { return };
+    let near = ON_LINE * corners.iter().map(|&corner| height(corner).abs()).fold(0.0, f64::max);
     let (mut previous, mut previous_height) = (last, height(last));
     for &corner in corners {
         let height = height(corner);
-        if (height >= 0.0) != (previous_height >= 0.0) {
+        let (is_inside, was_inside) = (height >= -near, previous_height >= -near);
+        if is_inside != was_inside && height.max(previous_height) > near {
             visit(lerp(previous, corner, previous_height / (previous_height - height)));
         }
-        if height >= 0.0 {
+        if is_inside {
             visit(corner);
         }
         (previous, previous_height) = (corner, height);
@@ -389,6 +395,23 @@ mod tests {
             let p = part.point(f64::from(i) / 50.0, f64::from(i * 7 % 50) / 50.0);
             assert!(p.x >= 0.2 - 1e-12 && p.x <= 0.8 + 1e-12 && p.y >= 0.4 - 1e-12 && p.y <= 1.2 + 1e-12);
         }
+    }
+
+    /// Planes through its own edges, as rounding leaves them, cut nothing off and add no corner; one through a diagonal adds none either.
+    #[test]
+    fn what_a_plane_touches_has_no_new_corners() {
+        let square = rectangle(DVec3::new(3.1, -0.2, 2.0), DVec3::X * 0.4, DVec3::Y * 0.4);
+        let (left, right) = (square.corners()[0].x, square.corners()[1].x);
+        for error in [0.0, 1e-12, -1e-12, 4e-16, -4e-16] {
+            assert_eq!(square.clipped(DVec3::X, left + error).corners(), square.corners());
+            assert_eq!(square.clipped(DVec3::NEG_X, -right + error).corners(), square.corners());
+            let across = DVec3::new(-1.0, 1.0, 0.0);
+            let half = square.clipped(across, across.dot(square.corners()[0]) + error);
+            assert_eq!(half.corners(), [0, 2, 3].map(|k| square.corners()[k]));
+        }
+        // What is more than that is cut.
+        let less = square.clipped(DVec3::X, left + 1e-8);
+        assert!((less.vector_area().length() - 0.4 * (0.4 - 1e-8)).abs() < 1e-15);
     }
 
     #[test]

@@ -24,7 +24,10 @@ impl Frame {
     fn of(polygon: &[DVec3]) -> Option<Self> {
         let (&origin, rest) = polygon.split_first()?;
         let area: DVec3 = rest.windows(2).map(|w| (w[0] - origin).cross(w[1] - origin)).sum();
-        let x = (rest.first()? - origin).try_normalize()?;
+        // The corner beside the first may be as near to it as rounding allows.
+        let along =
+            rest.iter().map(|c| c - origin).max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
+        let x = along?.try_normalize()?;
         Some(Self { origin, axes: [x, area.try_normalize()?.cross(x)] })
     }
 

@@ -60,6 +60,11 @@ impl Base {
         &self.corners[..self.count]
     }
 
+    /// The mean of the corners of the polygon that it is around.
+    pub fn center(&self) -> DVec3 {
+        self.center
+    }
+
     /// Its mirror image.
     pub fn reflected(mut self, plane: &Plane) -> Self {
         for corner in &mut self.corners[..self.count] {

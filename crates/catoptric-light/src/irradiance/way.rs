@@ -114,7 +114,9 @@ impl Lights<'_> {
             // Up to each mirror, towards the image of the light behind it.
             let (mirrors, id) = chain.mirrors_from(level)?;
             let image = mirrors.iter().rev().fold(base, |base, plane| base.reflected(plane));
-            let far = End::mirror(&mirrors[0], id, eye);
+            // Light comes and goes on one side of it: of the eye and of the image of what is next, where one may touch the mirror.
+            let beside = eye.midpoint(mirrors[0].reflect_point(image.center()));
+            let far = End::mirror(&mirrors[0], id, beside);
             let pyramid = Pyramid::new(eye, &image, near, far, 0..0)?;
             let before = (level > 0).then_some(near);
             if !self.tracer.suspects_in(&pyramid, shadows, suspects) {
@@ -128,7 +130,7 @@ impl Lights<'_> {
                 remainder.cut_out(self.tracer, target, eye, mirrors, [before, Some(far)], suspects)?;
             }
             eye = mirrors[0].reflect_point(eye);
-            near = End::mirror(&mirrors[0], id, image.reflected(&mirrors[0]).corners()[0]);
+            near = far;
             from = id;
         }
         let far = End::behind(&base, eye, goal)?;
