@@ -28,8 +28,10 @@ pub struct Cell {
     pub radiance: Rgb,
     /// How it is spread over angles.
     pub lobe: Lobe,
-    /// Radiance varies over the cell.
+    /// Radiance varies over the cell: by a texture, or because something lies on it.
     pub textured: bool,
+    /// Something may lie on it, in its plane.
+    covered: bool,
     /// Its plane.
     pub plane: PlaneId,
     /// The emitting side.
@@ -95,6 +97,9 @@ impl Cell {
             })
             .max_by(|x, y| x.0.total_cmp(&y.0));
         best.map_or(self.radiance, |(_, id, at)| {
+            if self.covered && !self.triangles.contains(&tracer.on_top_of(id, self.side, point.as_vec3())) {
+                return Rgb::ZERO;
+            }
             let point = scene.surface_point(id, at);
             point.emission.0 * point.opacity
         })
@@ -346,8 +351,10 @@ impl Emitters {
     ) {
         let scene = tracer.scene();
         let cross = edges[0].cross(edges[1]);
+        let covered = triangles.iter().any(|&id| tracer.is_covered_on(id, side));
         let textured = scene.material_of(triangles[0]).emission_texture.is_some()
-            || scene.material_of(triangles[0]).base_texture.is_some();
+            || scene.material_of(triangles[0]).base_texture.is_some()
+            || covered;
         let mut cell = Cell {
             corner,
             edges,
@@ -360,6 +367,7 @@ impl Emitters {
             },
             lobe: scene.material_of(triangles[0]).lobe,
             textured,
+            covered,
             plane: tracer.planes().of(triangles[0]),
             side,
             triangles,

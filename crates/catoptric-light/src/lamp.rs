@@ -267,7 +267,9 @@ impl Lamp {
     /// The triangles as a lamp, if they are one: convex, and closed but for flat openings.
     fn new(tracer: &Tracer, triangles: Range<u32>, radiance: Rgb) -> Option<Self> {
         let mut ids = triangles.clone().map(TriangleId);
-        if triangles.len() < LEAST_TRIANGLES as usize || ids.any(|t| tracer.has_back(t)) {
+        if triangles.len() < LEAST_TRIANGLES as usize
+            || ids.any(|t| tracer.has_back(t) || tracer.is_covered(t))
+        {
             return None;
         }
         let mut shape = Shape::default();

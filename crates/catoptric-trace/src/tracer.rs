@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use catoptric_scene::{AlphaMode, Barycentric, Rgb, Scene, Transmission, TriangleId};
+use catoptric_scene::{AlphaMode, Barycentric, Rgb, Scene, Side, Transmission, TriangleId};
 
 use crate::beam::{Pyramid, Suspect, Suspects};
 use crate::chain::Event;
@@ -68,6 +68,9 @@ const OFF_EDGE: f32 = 4e-6;
 const AT_EDGE: f32 = 0.02;
 /// Each pass crosses one plane; a hundred layers of panes are opaque.
 const MAX_LAYERS: u32 = 128;
+/// Triangles of one plane lie this far apart at most, by rounding, as a share of how far they reach; and a look from before them begins this far off.
+const ONE_PLANE: f32 = 4e-6;
+const BEFORE_PLANE: f32 = 4.0 * ONE_PLANE;
 
 /// By what hits in a scene are found: the tree, and tables of planes, media and materials.
 #[derive(Clone, Debug)]
@@ -275,8 +278,28 @@ impl<'a> Tracer<'a> {
 
     /// Whether something else lies on a triangle, on a side that it shows.
     pub fn is_covered(&self, triangle: TriangleId) -> bool {
-        let covered = self.accelerator.overlaps.covered(triangle);
-        covered & COVERED_FRONT != 0 || covered & COVERED_BACK != 0 && self.has_back(triangle)
+        self.is_covered_on(triangle, Side::Front)
+            || self.has_back(triangle) && self.is_covered_on(triangle, Side::Back)
+    }
+
+    /// Whether something else may lie on a side of a triangle.
+    pub fn is_covered_on(&self, triangle: TriangleId, side: Side) -> bool {
+        let flag = if side == Side::Front { COVERED_FRONT } else { COVERED_BACK };
+        self.accelerator.overlaps.covered(triangle) & flag != 0
+    }
+
+    /// What lies on top at a point of a side of a triangle, in its plane: often itself.
+    pub fn on_top_of(&self, triangle: TriangleId, side: Side, point: Vec3) -> TriangleId {
+        if !self.is_covered_on(triangle, side) {
+            return triangle;
+        }
+        let normal = side.orient(self.scene.geometric_normal(triangle));
+        let distance = self.accelerator.extent.reach_of(triangle) as f32 * BEFORE_PLANE;
+        let ray = Ray::free(point + normal * distance, -normal);
+        let plane = self.accelerator.planes.of(triangle);
+        let itself =
+            Nearest { t: distance, id: triangle.0, plane, back: side == Side::Back, ..Nearest::NONE };
+        TriangleId(self.on_top(&ray, &itself).id)
     }
 
     #[inline]
@@ -350,7 +373,7 @@ impl<'a> Tracer<'a> {
         let normal = self.scene.geometric_normal(TriangleId(nearest.id));
         let slope = ray.direction.dot(normal).abs().max(1e-4 * ray.direction.length());
         let reach = self.accelerator.extent.reach_of(TriangleId(nearest.id)) as f32;
-        let slack = nearest.t * 1e-6 + reach * 4e-6 / slope;
+        let slack = nearest.t * 1e-6 + reach * ONE_PLANE / slope;
         // A short ray meets few boxes.
         let start = (nearest.t - slack).max(0.0);
         let probe = Probe::new(ray.origin + ray.direction * start, ray.direction, [ray.from, PlaneId::NONE]);
