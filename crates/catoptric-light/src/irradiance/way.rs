@@ -1,7 +1,7 @@
 //! What is in the way of a source's light, before any shadow ray is shot: nothing, a few triangles whose shadows are cut out
 //! exactly, or so much that rays must ask.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 use catoptric_scene::{AlphaMode, Material};
 use catoptric_trace::beam::{Base, End, Pyramid, Suspect, Suspects};
@@ -56,14 +56,17 @@ pub(super) enum Passing {
 
 /// Tint of a pane, at normal incidence, from which on it is clear.
 const CLEAR: f32 = 0.9;
+/// Cosine below which a pane's transmittance falls from 0.84 to nothing: less is as a shadow.
+const STEEP: f64 = 0.5;
 
 impl Passing {
-    fn of(material: &Material) -> Self {
+    /// By the cosine under which light meets it.
+    fn of(material: &Material, cosine: f64) -> Self {
         let plain = material.alpha_mode == AlphaMode::Opaque
             && material.base_texture.is_none()
             && material.transmission_texture.is_none();
         let is_clear = plain && material.transmission >= 1.0 && material.base_color.min_element() >= CLEAR;
-        if is_clear { Self::Clear } else { Self::Varied }
+        if is_clear && cosine >= STEEP { Self::Clear } else { Self::Varied }
     }
 }
 
@@ -218,7 +221,10 @@ impl Remainder {
                 return None;
             }
             if passes {
-                self.passes = self.passes.max(Passing::of(tracer.scene().material_of(id)));
+                let along = frame.point(DVec2::ZERO) - eye;
+                let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).as_dvec3();
+                let cosine = normal.dot(along).abs() / (normal.length() * along.length());
+                self.passes = self.passes.max(Passing::of(tracer.scene().material_of(id), cosine));
                 continue;
             }
             let mut triangles = self.blockers.iter_mut().filter(|b| b.may_join(plane));
