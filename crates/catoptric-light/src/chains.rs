@@ -417,7 +417,9 @@ pub struct Unfolded {
     pub geometric: DVec3,
     /// The last mirror's plane: what emits in it has no image in it.
     pub last: PlaneId,
-    /// Its equation, turned so that what it reflects to the receiver has n·x > offset.
+    /// The receiver's own plane where it looks straight: what emits in it sends nothing along it, though by rounding it may lie before it.
+    pub own: PlaneId,
+    /// The last mirror's equation, turned so that what it reflects to the receiver has n·x > offset.
     pub beyond: Option<Plane>,
 }
 
@@ -429,6 +431,7 @@ impl Unfolded {
             normal: receiver.normal.as_dvec3(),
             geometric: receiver.geometric.as_dvec3(),
             last: PlaneId::NONE,
+            own: receiver.plane,
             beyond: None,
         }
     }
@@ -449,7 +452,8 @@ impl ImageChains {
         normal: DVec3,
         geometric: DVec3,
     ) -> Option<Unfolded> {
-        let mut image = Unfolded { position, normal, geometric, last: PlaneId::NONE, beyond: None };
+        let (last, own) = (PlaneId::NONE, PlaneId::NONE);
+        let mut image = Unfolded { position, normal, geometric, last, own, beyond: None };
         for &index in &chain.reflectors {
             let reflector = &self.reflectors[index];
             let height = |p: &Aperture| p.normal.dot(image.position - p.outline.corners()[0]);

@@ -1,4 +1,4 @@
-//! What lies on an emitter, in its plane.
+//! What lies in an emitter's plane: on it, and places of its own.
 
 use catoptric_light::contour::{self, Polygon};
 use catoptric_light::irradiance::Scratch;
@@ -77,6 +77,33 @@ fn an_emitter_sends_nothing_from_where_something_lies_on_it() {
                     (found - expected).abs() < 3.0 * noise * open,
                     "{name}, box: {is_box}, {index}: {found}, expected {expected}"
                 );
+            }
+        }
+    }
+}
+
+/// Of a sheet that shines on both sides, whichever way it is turned, neither side lights the other, though by rounding places of it lie before
+/// its plane or behind.
+#[test]
+fn a_sheet_that_shines_on_both_sides_does_not_light_itself() {
+    let mut scratch = Scratch::default();
+    for turn in 0..40 {
+        let key = Key::new(9, Purpose::Test, turn);
+        let [a, b] = [key.point2(0), key.point2(1)].map(|p| p * 2.0 - 1.0);
+        let (u, v) = (Vec3::new(a.x, a.y, b.x), Vec3::new(b.y, a.x - b.x, 0.3 - a.y));
+        let mut parts = SceneParts::default();
+        let glowing = Material { double_sided: true, ..Material::emitter("glowing", Radiance(Rgb::ONE)) };
+        let glowing = parts.add_material(glowing);
+        parts.add_quad("sheet", glowing, Vec3::new(0.1, -0.7, 0.4), u, v);
+        let scene = Scene::new(parts).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let lights = Lights::new(&tracer, LightParams::default());
+        for index in 0..20 {
+            let at = Barycentric { u: 0.04 * index as f32, v: 0.2 };
+            for side in [Side::Front, Side::Back] {
+                let receiver = Receiver::on(&tracer, TriangleId(index % 2), side, at);
+                let found = lights.direct(&receiver, 64, key.child(index), &mut scratch);
+                assert_eq!(found.irradiance, Rgb::ZERO, "{turn}, {index}, {side:?}");
             }
         }
     }
