@@ -436,6 +436,11 @@ impl Unfolded {
         }
     }
 
+    /// Whether what emits in a plane sends nothing from there.
+    pub(crate) fn is_along(&self, plane: PlaneId) -> bool {
+        plane == self.last || plane == self.own
+    }
+
     /// The view of the emitters from here.
     pub(crate) fn view<'a>(&self, windows: &'a Windows) -> View<'a> {
         let (point, beyond) = (self.position, self.beyond);

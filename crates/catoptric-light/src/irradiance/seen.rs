@@ -270,8 +270,7 @@ impl Lights<'_> {
     /// Irradiance by unit radiance of a cell that nothing cuts: far cheaper than its pieces. `None` where something may.
     #[inline]
     pub(super) fn unit_of_whole(cell: &Cell, image: &Unfolded, windows: &Windows) -> Option<f64> {
-        let is_seen = cell.plane != image.last && cell.plane != image.own;
-        let is_free = is_seen && windows.is_empty() && image.beyond.is_none();
+        let is_free = windows.is_empty() && image.beyond.is_none() && !image.is_along(cell.plane);
         if !is_free || !cell.lobe.is_diffuse() {
             return None;
         }
@@ -304,7 +303,7 @@ impl Lights<'_> {
         mut visit: impl FnMut(CellPart),
     ) {
         let cell = &self.emitters.cells()[index as usize];
-        if cell.plane == image.last || cell.plane == image.own {
+        if image.is_along(cell.plane) {
             return;
         }
         let mut add = |polygon: &Polygon, whole: bool| {
