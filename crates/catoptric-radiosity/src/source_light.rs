@@ -405,9 +405,9 @@ impl SourceField<'_> {
     /// varies there: they get all, unless they are tiny.
     ///
     /// Middles of edges that refinement knows are samples already: with its three, an element knows all quadratic light (the midpoint
-    /// rule). Where light is uneven, points inside are asked besides. One or two middles are none, and those of edges that were left whole for
-    /// being short are none: refinement has chosen them. Along the border of a shadow more are left on the side of the light, where the same
-    /// difference is less of what is there. (With them the floor below a window had 0.3 % too much light.)
+    /// rule). Where light is uneven, points inside are asked besides. One or two middles are none, and those of halved edges that were then
+    /// left whole for being short are none: refinement has chosen them. Along the border of a shadow more are left on the side of the light, where
+    /// the same difference is less of what is there. (With them the floor below a window had 0.3 % too much light.)
     fn fit_points(
         &self,
         draft: &Draft,
@@ -443,7 +443,8 @@ impl SourceField<'_> {
             let calm_around = known().all(|v| sources[v as usize].calm);
             let longest =
                 (0..3).map(|k| draft.length((corners[k], corners[(k + 1) % 3]))).fold(0.0, f32::max);
-            let all = middles.iter().all(Option::is_some) && blur < EVEN * longest;
+            let is_chosen = is_refined && blur >= EVEN * longest;
+            let all = middles.iter().all(Option::is_some) && !is_chosen;
             let count = if even && all { 0 } else { count };
             let share = area / (count + if all { 3 } else { 0 }).max(1) as f32;
             for (k, middle) in middles.into_iter().flatten().enumerate().filter(|_| all) {
