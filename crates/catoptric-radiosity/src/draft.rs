@@ -299,6 +299,11 @@ impl Draft {
         (self.vertices[b as usize].position - self.vertices[a as usize].position).length()
     }
 
+    /// Length of a triangle's longest edge, metres.
+    pub(crate) fn longest_edge(&self, leaf: &Leaf) -> f32 {
+        leaf.edges().into_iter().map(|edge| self.length(edge)).fold(0.0, f32::max)
+    }
+
     /// Centre of a triangle.
     pub fn center(&self, leaf: &Leaf) -> Vec3 {
         leaf.vertices.iter().map(|&v| self.vertices[v as usize].position).sum::<Vec3>() / 3.0

@@ -190,12 +190,7 @@ fn test_inside(
         .filter(|(_, leaf)| u32::from(leaf.level) >= round)
         .flat_map_iter(|(index, leaf)| {
             let vertices = leaf.vertices;
-            let longest = (0..3)
-                .map(|k| {
-                    let [a, b] = [k, (k + 1) % 3].map(|i| draft.vertices[vertices[i] as usize].position);
-                    (b - a).length()
-                })
-                .fold(0.0, f32::max);
+            let longest = draft.longest_edge(leaf);
             let shared = vertices.iter().all(|&v| values.sharing.shares(v));
             let fine = if shared { 2.0 * values.sharing.cell() } else { 0.0 };
             let mut marked = None;

@@ -27,7 +27,7 @@ impl Draft {
             if self.faces[leaf.face as usize].curved {
                 let [a, b, c] = tracer.scene().corners(self.faces[leaf.face as usize].triangles[0]);
                 widths[leaf.face as usize] = (b - a).length().min((c - b).length()).min((a - c).length());
-                for key in edges_of(leaf) {
+                for key in leaf.edges() {
                     if self.length(key) > shortest {
                         beside.entry(key).or_default().push(index as u32);
                     }
@@ -50,7 +50,7 @@ impl Draft {
             for index in own {
                 let leaf = self.leaves[index as usize];
                 let new = self.leaves.len() as u32;
-                let Some(at) = edges_of(&leaf).iter().position(|&key| key == long) else { continue };
+                let Some(at) = leaf.edges().iter().position(|&key| key == long) else { continue };
                 let [a, b, c] = [0, 1, 2].map(|k| leaf.vertices[(at + k) % 3]);
                 let halves =
                     [Leaf { vertices: [a, middle, c], ..leaf }, Leaf { vertices: [middle, b, c], ..leaf }];
@@ -58,7 +58,7 @@ impl Draft {
                 self.leaves.push(halves[1]);
                 for half in halves {
                     self.note_edges(half.face, half.vertices);
-                    changed.extend(edges_of(&half));
+                    changed.extend(half.edges());
                 }
                 if let Some(other) =
                     beside.get_mut(&edge(b, c)).and_then(|l| l.iter_mut().find(|l| **l == index))
@@ -89,12 +89,6 @@ impl Draft {
         // Positive floats are ordered as their bits.
         (own > LONG * narrowest).then(|| (own.to_bits(), Reverse(key)))
     }
-}
-
-/// The edges of a triangle, each from a corner to the next.
-fn edges_of(leaf: &Leaf) -> [(u32, u32); 3] {
-    let [a, b, c] = leaf.vertices;
-    [edge(a, b), edge(b, c), edge(c, a)]
 }
 
 #[cfg(test)]
@@ -134,13 +128,13 @@ mod tests {
         // Of the author's triangles.
         let width = 0.6 * libm::sinf(std::f32::consts::PI / 24.0);
         for leaf in &draft.leaves {
-            for key in edges_of(leaf) {
+            for key in leaf.edges() {
                 *count.entry(key).or_default() += 1;
             }
             if draft.center(leaf).x > 1.0 {
                 ball += 1;
             } else {
-                let longest = edges_of(leaf).map(|key| draft.length(key)).into_iter().fold(0.0, f32::max);
+                let longest = draft.longest_edge(leaf);
                 assert!(longest <= LONG * width + 1e-6, "{longest} m beside {width} m");
                 (tube, area) = (tube + 1, area + draft.area(leaf));
             }

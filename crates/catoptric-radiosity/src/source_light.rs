@@ -427,7 +427,8 @@ impl SourceField<'_> {
             let corners = mesh.elements[element as usize].vertices.map(|v| displayed.origin[v as usize]);
             let area = mesh.area(element);
             let key = Key::new(params.seed, Purpose::ElementPoint, u64::from(element));
-            let is_refined = draft.leaves[displayed.leaves[element as usize] as usize].level > 0;
+            let leaf = &draft.leaves[displayed.leaves[element as usize] as usize];
+            let is_refined = leaf.level > 0;
             let full = if is_refined { FINE * whole } else { whole };
             let expected = params.fit_points as f32 * (area / full).min(1.0);
             let count = (expected + key.uniform(0)).floor() as u32;
@@ -441,9 +442,7 @@ impl SourceField<'_> {
             }
             let even = ((most - least) / (0.5 * (most + least) + Rgb::splat(floor))).max_element() < EVEN;
             let calm_around = known().all(|v| sources[v as usize].calm);
-            let longest =
-                (0..3).map(|k| draft.length((corners[k], corners[(k + 1) % 3]))).fold(0.0, f32::max);
-            let is_chosen = is_refined && blur >= EVEN * longest;
+            let is_chosen = is_refined && blur >= EVEN * draft.longest_edge(leaf);
             let all = middles.iter().all(Option::is_some) && !is_chosen;
             let count = if even && all { 0 } else { count };
             let share = area / (count + if all { 3 } else { 0 }).max(1) as f32;
