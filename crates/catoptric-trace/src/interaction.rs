@@ -51,6 +51,33 @@ pub struct Interaction {
 }
 
 impl Interaction {
+    /// Of something black that lets nothing pass, about the shading and the geometric normal.
+    #[inline]
+    fn nothing(side: Side, (normal, geometric): (Vec3, Vec3), direction: Vec3, media: MediumStack) -> Self {
+        let nothing = Branch { direction, throughput: Rgb::ZERO, event: Event::Undeviated, media };
+        Self {
+            side,
+            normal,
+            geometric,
+            receives: 0.0,
+            reflectance: Rgb::ZERO,
+            transmittance: Rgb::ZERO,
+            emission: Radiance::ZERO,
+            shown: Radiance::ZERO,
+            branches: [nothing; 3],
+            count: 0,
+        }
+    }
+
+    /// Back to that, about another shading normal.
+    fn forget(&mut self, normal: Vec3) {
+        self.normal = normal;
+        self.receives = 0.0;
+        (self.reflectance, self.transmittance) = (Rgb::ZERO, Rgb::ZERO);
+        (self.emission, self.shown) = (Radiance::ZERO, Radiance::ZERO);
+        self.count = 0;
+    }
+
     /// The ways in which light goes on.
     #[inline]
     pub fn branches(&self) -> &[Branch] {
@@ -244,44 +271,34 @@ impl Tracer<'_> {
         let side = if hit.back { Side::Back } else { Side::Front };
         let geometric = side.orient(self.scene().geometric_normal(hit.triangle));
         let is_flat = normal == geometric;
-        let (interaction, is_possible) =
-            self.interact_with((normal, geometric), is_flat, direction, hit, media);
-        if is_possible || is_flat {
-            return interaction;
+        // Filled in where it is returned: it is large to copy.
+        let mut interaction = Interaction::nothing(side, (normal, geometric), direction, media);
+        let is_possible = self.interact_with(is_flat, direction, hit, media, &mut interaction);
+        if !(is_possible || is_flat) {
+            interaction.forget(geometric);
+            self.interact_with(false, direction, hit, media, &mut interaction);
+            let is_total = hit.back
+                && media != MediumStack::AIR
+                && interaction.branches().iter().all(|b| b.media == media);
+            if is_total && !all {
+                interaction.count = 0;
+            }
         }
-        let mut flat = self.interact_with((geometric, geometric), false, direction, hit, media).0;
-        let is_total =
-            hit.back && media != MediumStack::AIR && flat.branches().iter().all(|b| b.media == media);
-        if is_total && !all {
-            flat.count = 0;
-        }
-        flat
+        interaction
     }
 
-    /// The interaction about a unit normal, beside the geometric one, and whether its directions lie on the sides of the surface where they should.
+    /// Fills in the interaction about its normals, and returns whether its directions lie on the sides of the surface where they should.
     fn interact_with(
         &self,
-        (normal, geometric): (Vec3, Vec3),
         is_flat: bool,
         direction: Vec3,
         hit: &Hit,
         media: MediumStack,
-    ) -> (Interaction, bool) {
+        result: &mut Interaction,
+    ) -> bool {
         let scene = self.scene();
-        let side = if hit.back { Side::Back } else { Side::Front };
+        let Interaction { side, normal, geometric, .. } = *result;
         let nothing = Branch { direction, throughput: Rgb::ZERO, event: Event::Undeviated, media };
-        let mut result = Interaction {
-            side,
-            normal,
-            geometric,
-            receives: 0.0,
-            reflectance: Rgb::ZERO,
-            transmittance: Rgb::ZERO,
-            emission: Radiance::ZERO,
-            shown: Radiance::ZERO,
-            branches: [nothing; 3],
-            count: 0,
-        };
         let point = scene.surface_point(hit.triangle, hit.at);
         let material = scene.material_of(hit.triangle);
         let acts_behind = self.has_back(hit.triangle);
@@ -306,7 +323,7 @@ impl Tracer<'_> {
             }
             let throughput = Rgb::splat(straight_alpha);
             result.push(Branch { throughput, ..nothing });
-            return (result, true);
+            return true;
         }
 
         // The diffuse side.
@@ -324,6 +341,9 @@ impl Tracer<'_> {
             }
         }
 
+        if self.is_lambertian(hit.triangle) {
+            return true;
+        }
         // Mirror, coat and the reflecting part of panes and solids share one direction.
         // Each share (metal, body, what transmits) lies under the clearcoat with its own bounces.
         let mut reflected = Rgb::ZERO;
@@ -401,7 +421,7 @@ impl Tracer<'_> {
             result.passed_on().max_element() <= 1.0 + 1e-4,
             "a surface amplifies light: {result:?}"
         );
-        (result, is_possible)
+        is_possible
     }
 
     /// Whether the back of a triangle is a surface of its own: doubleSided, thin panes and Lambertian transmission.
