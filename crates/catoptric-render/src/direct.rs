@@ -4,11 +4,16 @@
 //! (`catoptric_light::Owner`): pass one computed it by the same function. What hemisphere rays own of these terms is read from
 //! the vertices as ever.
 
-use catoptric_light::irradiance::{Samples, Scratch};
+use std::f32::consts::PI;
+
+use catoptric_light::irradiance::{Samples, Scratch, SourceIrradiance};
 use catoptric_light::{Lights, Receiver};
 use catoptric_scene::Rgb;
+use catoptric_scene::quantity::LUMINANCE;
 use catoptric_solution::{Quality, Term};
 use catoptric_trace::sequence::Key;
+
+use crate::layers::{Kept, LightLayer};
 
 /// Where the light of sources comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,21 +79,37 @@ impl Wanted {
     }
 }
 
-/// Irradiance by sources at a hit.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct SourceLight {
-    pub(crate) direct: Rgb,
-    pub(crate) mirrored: Rgb,
-    /// What nothing blocks of both.
+/// Light of sources by one way.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Part {
+    /// Irradiance, W/m².
+    pub(crate) irradiance: Rgb,
+    /// What nothing blocks of it.
     pub(crate) unoccluded: Rgb,
-    /// Some shadow rays were blocked and some were not.
-    pub(crate) penumbra: bool,
     /// What half of the rays found beyond the other half: twice the deviation of the sum.
     pub(crate) split: Rgb,
+    /// Some shadow rays were blocked and some were not.
+    pub(crate) penumbra: bool,
+    /// Shadow rays told how much is seen.
+    pub(crate) sampled: bool,
+}
+
+impl From<SourceIrradiance> for Part {
+    fn from(found: SourceIrradiance) -> Self {
+        let SourceIrradiance { irradiance, unoccluded, split, partial, sampled, .. } = found;
+        Self { irradiance, unoccluded, split, penumbra: partial, sampled }
+    }
+}
+
+/// Irradiance by sources at a hit: what was asked for of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct SourceLight {
+    pub(crate) direct: Part,
+    pub(crate) mirrored: Part,
 }
 
 impl SourceLight {
-    /// What is wanted of it, by about so many shadow rays.
+    /// What is wanted of it, whole, by about so many shadow rays.
     pub(crate) fn at(
         lights: &Lights,
         receiver: &Receiver,
@@ -97,23 +118,56 @@ impl SourceLight {
         key: Key,
         scratch: &mut Scratch,
     ) -> Self {
-        let Wanted { direct, mirrored, mut known } = wanted;
-        let mut sum = Self::default();
-        if direct > 0.0 {
-            let found = lights.direct(receiver, samples, key, scratch);
-            known = found.irradiance;
-            sum.direct = found.irradiance * direct;
-            sum.unoccluded = found.unoccluded * direct;
-            sum.penumbra = found.partial;
-            sum.split = found.split * direct;
+        let mut found = Self::default();
+        let mut known = wanted.known;
+        if wanted.direct > 0.0 {
+            found.direct = lights.direct(receiver, samples, key, scratch).into();
+            known = found.direct.irradiance;
         }
-        if mirrored > 0.0 {
-            let found = lights.mirrored(receiver, samples, known, key.child(1), scratch);
-            sum.mirrored = found.irradiance * mirrored;
-            sum.unoccluded += found.unoccluded * mirrored;
-            sum.penumbra |= found.partial;
-            sum.split += found.split * mirrored;
+        if wanted.mirrored > 0.0 {
+            found.mirrored = lights.mirrored(receiver, samples, known, key.child(1), scratch).into();
         }
-        sum
+        found
+    }
+}
+
+/// Shadow rays for light of which the eye gets the share `send`.
+pub(crate) fn in_proportion(samples: Samples, send: Rgb) -> Samples {
+    let share = (send.max_element() * PI).min(1.0);
+    Samples { count: ((samples.count as f32 * share).ceil() as u32).max(1), ..samples }
+}
+
+/// What source light that was evaluated for a sample tells beside its radiance.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Shadows {
+    /// Radiance that is missing because something blocks it.
+    pub(crate) blocked: Rgb,
+    /// Some shadow rays were blocked and some were not.
+    pub(crate) penumbra: bool,
+    /// Variance of the luminance found.
+    pub(crate) grain: f32,
+}
+
+impl Shadows {
+    /// Adds what is wanted of the light that was found at a hit, of which the eye gets the share `send`.
+    pub(crate) fn add<L: Kept>(
+        &mut self,
+        light: &mut L,
+        (send, through): (Rgb, bool),
+        wanted: Wanted,
+        found: &SourceLight,
+    ) {
+        let mut split = Rgb::ZERO;
+        for (part, share, layer) in [
+            (found.direct, wanted.direct, LightLayer::Direct),
+            (found.mirrored, wanted.mirrored, LightLayer::Mirrored),
+        ] {
+            let send = send * share;
+            light.add(layer, through, send * part.irradiance);
+            self.blocked += send * (part.unoccluded - part.irradiance);
+            self.penumbra |= part.penumbra;
+            split += send * part.split;
+        }
+        self.grain += (0.5 * split.dot(LUMINANCE)).powi(2);
     }
 }

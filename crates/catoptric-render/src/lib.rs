@@ -4,6 +4,8 @@
 
 mod bundles;
 pub mod direct;
+mod interpolation;
+mod irradiance_cache;
 pub mod layers;
 pub mod lines;
 mod needs;

@@ -7,15 +7,18 @@
 
 use rayon::prelude::*;
 
+use catoptric_light::Lights;
 use catoptric_light::irradiance::Samples;
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_scene::{Cancelled, Progress};
 
 use crate::direct::DirectLight;
+use crate::interpolation;
+use crate::irradiance_cache::{Records, Request};
 use crate::layers::Kept;
 use crate::needs::{DARK, Need};
-use crate::pixel::{Sample, Scratch};
-use crate::render::{around, for_some};
+use crate::pixel::{Query, Sample, Scratch};
+use crate::render::around;
 
 /// Deviation of what shadow rays find, relative to the displayed luminance, that may show as grain beside what is smooth …
 const GRAIN: f32 = 0.01;
@@ -27,6 +30,10 @@ const GRAINY: u32 = 4;
 /// Mean squares of the difference of mesh and rays, in variances of these, up to which the mesh is read: it is then off by less than twice what
 /// the rays are, and smooth.
 const EXPLAINED: f32 = 4.0;
+/// Pixels from which on some are looked at together.
+const MANY: usize = 256;
+/// … and at most.
+const BATCH: usize = 1 << 16;
 /// Pixels around over which the variance is pooled: that of one is known by a single difference.
 const POOLED: usize = 2;
 
@@ -63,28 +70,56 @@ impl Penumbrae {
     /// Looks at some pixels of a picture: `shoot` gives what is seen through the centre of one by shadow rays, or by none.
     pub(crate) fn look<L: Kept>(
         &mut self,
-        pixels: &mut [Sample<L>],
+        (pixels, records): (&mut [Sample<L>], &mut Records),
         (width, exposure): (usize, f32),
         first: &[usize],
-        direct: DirectLight,
+        (lights, direct): (&Lights, DirectLight),
         progress: &dyn Progress,
-        shoot: impl Fn((usize, usize), Option<Samples>, &mut Scratch) -> Sample<L> + Sync,
+        shoot: impl Fn((usize, usize), Query, &mut Scratch) -> Sample<L> + Sync,
     ) -> Result<(), Cancelled> {
         let (DirectLight::Auto(rays) | DirectLight::Pixels(rays)) = direct else { return Ok(()) };
         let rays = Samples::exact(rays.penumbra);
-        let by = |rays: Samples| {
-            let shoot = &shoot;
-            move |at: (usize, usize), pixel: &mut Sample<L>, scratch: &mut Scratch| {
-                let Sample { light, open, penumbra, grain, .. } = shoot(at, Some(rays), scratch);
+        // What pixels beside each other find is interpolated where it is smooth, as that of first rays is; or each finds its own.
+        let look = |pixels: &mut [Sample<L>], records: &mut Records, some: &[usize], rays: Samples| {
+            let is_shared = matches!(direct, DirectLight::Auto(_)) && some.len() >= MANY;
+            let query = if is_shared { Query::Defer(rays) } else { Query::Evaluate(rays) };
+            let shoot = |scratch: &mut Scratch, &index: &usize| {
+                if progress.is_cancelled() {
+                    return None;
+                }
+                let seen = shoot((index % width, index / width), query, scratch);
+                let asked: Box<[Request]> = scratch.sources.requests.as_slice().into();
+                Some((seen, asked))
+            };
+            let seen: Option<Vec<_>> =
+                some.par_iter().with_max_len(1).map_init(Scratch::default, shoot).collect();
+            let (mut asking, mut requests): (Vec<usize>, Vec<Box<[Request]>>) = (Vec::new(), Vec::new());
+            for (&index, (seen, asked)) in some.iter().zip(seen.ok_or(Cancelled)?) {
+                let (pixel, Sample { light, open, penumbra, grain, .. }) = (&mut pixels[index], seen);
                 *pixel = Sample { light, open, penumbra, grain, ..*pixel };
+                if !asked.is_empty() {
+                    asking.push(index);
+                    requests.push(asked);
+                }
             }
+            let size = [width, pixels.len() / width.max(1)];
+            let found = interpolation::find(lights, (&asking, &requests), (size, false), progress);
+            if progress.is_cancelled() {
+                return Err(Cancelled);
+            }
+            for (index, (requests, found)) in asking.into_iter().zip(requests.iter().zip(&found)) {
+                interpolation::add(&mut pixels[index], requests, found);
+                records.replace(index, requests, found);
+            }
+            Ok(())
         };
-        for_some(pixels, width, first, progress, by(rays))?;
+        // So many at a time: what they ask for takes a few hundred bytes each.
+        first.chunks(BATCH).try_for_each(|some| look(pixels, records, some, rays))?;
         first.iter().for_each(|&i| self.looked[i] = true);
 
         let more: Vec<usize> =
             self.grainy(pixels, (width, exposure), first).into_iter().map(|g| g.0).collect();
-        for_some(pixels, width, &more, progress, by(rays.times(GRAINY)))?;
+        more.chunks(BATCH).try_for_each(|some| look(pixels, records, some, rays.times(GRAINY)))?;
         if !matches!(direct, DirectLight::Auto(_)) {
             return Ok(());
         }
@@ -95,7 +130,7 @@ impl Penumbrae {
             .par_iter()
             .with_max_len(1)
             .map_init(Scratch::default, |scratch, &index| {
-                shoot((index % width, index / width), None, scratch)
+                shoot((index % width, index / width), Query::Stored, scratch)
             })
             .collect();
         for (index, deviation) in grainy {

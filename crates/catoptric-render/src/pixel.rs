@@ -14,7 +14,8 @@ use catoptric_trace::walk::split::{self, Seen, Sight, SplitParams};
 use catoptric_trace::{Event, Hit, MediumStack, Ray};
 
 use crate::bundles::{Leg, Legs};
-use crate::direct::{SourceLight, Wanted};
+use crate::direct::{Shadows, Wanted, in_proportion};
+use crate::irradiance_cache::{Around, Place, Record, Request};
 use crate::layers::{Kept, LightLayer};
 use crate::lines::{self, Footprint};
 use crate::needs::DARK;
@@ -149,10 +150,20 @@ impl Neighbours {
 /// From a pixel to its neighbours, row by row.
 const STEPS: [(i64, i64); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
 
+/// Source light along an eye path.
+#[derive(Debug, Default)]
+pub(crate) struct Answers {
+    pub(crate) light: irradiance::Scratch,
+    /// What the last sample left to be found later.
+    pub(crate) requests: Vec<Request>,
+    /// What samples of the present pixel found.
+    pub(crate) own: Vec<Record>,
+}
+
 /// Reused buffers of one thread.
 #[derive(Debug, Default)]
 pub struct Scratch {
-    light: irradiance::Scratch,
+    pub(crate) sources: Answers,
     waiting: split::Waiting,
     /// Of the last sample, if they are asked for.
     pub(crate) legs: Option<Legs>,
@@ -179,20 +190,22 @@ pub struct Eye<'a> {
 
 impl Eye<'_> {
     /// Traces one eye ray, sample `index` of those with the same `key`. With a `footprint`, finds the lines of the display
-    /// mesh, too; with shadow rays, evaluates the light of sources at the hits.
-    pub fn sample<L: Kept>(
+    /// mesh, too.
+    pub(crate) fn sample<L: Kept>(
         &self,
         origin: Vec3,
         direction: Vec3,
         footprint: Option<Footprint>,
-        shadow_rays: Option<Samples>,
+        query: Query,
         (key, index): (Key, u32),
         scratch: &mut Scratch,
     ) -> Sample<L> {
         let tracer = self.lights.tracer();
         let scene = tracer.scene();
         let (mut light, mut first) = (L::DARK, None);
-        let mut shadows = shadow_rays.map(|rays| Shadows::new(rays, key.child(index).child(SHADOWS)));
+        let mut asked =
+            Asked { query, key: key.child(index).child(SHADOWS), count: 0, shadows: Shadows::default() };
+        scratch.sources.requests.clear();
         let mut lines = 0.0;
         if let Some(legs) = &mut scratch.legs {
             *legs = Legs::default();
@@ -255,7 +268,7 @@ impl Eye<'_> {
                             way: seen.way,
                         });
                     }
-                    self.see(&seen, &mut light, &mut shadows, &mut scratch.light);
+                    self.see(&seen, facet, &mut light, &mut asked, &mut scratch.sources);
                     if let Some(footprint) = footprint {
                         lines += lines::coverage(&self.solution.mesh, &seen, footprint);
                     }
@@ -265,8 +278,7 @@ impl Eye<'_> {
         if let Some(hit) = &first {
             light.meet(hit);
         }
-        let blocked = shadows.as_ref().map_or(Rgb::ZERO, |s| s.blocked);
-        let (penumbra, grain) = shadows.map_or((false, 0.0), |s| (s.penumbra, s.grain));
+        let Shadows { blocked, penumbra, grain } = asked.shadows;
         Sample {
             open: light.beauty() + blocked,
             light,
@@ -284,13 +296,7 @@ impl Eye<'_> {
     }
 
     /// Adds what a surface sends to the eye.
-    fn see<L: Kept>(
-        &self,
-        seen: &Seen,
-        light: &mut L,
-        shadows: &mut Option<Shadows>,
-        scratch: &mut irradiance::Scratch,
-    ) {
+    fn see<L: Kept>(&self, seen: &Seen, facet: u32, light: &mut L, asked: &mut Asked, answers: &mut Answers) {
         let tracer = self.lights.tracer();
         let interaction = seen.interaction;
         let material = tracer.scene().material_of(seen.hit.triangle);
@@ -316,10 +322,12 @@ impl Eye<'_> {
                 continue;
             }
             let send = send * share;
+            let is_asked = asked.query.samples().is_some();
             let mut wanted =
-                if shadows.is_some() && self.resolution.is_none() { Wanted::ALL } else { Wanted::NOTHING };
+                if is_asked && self.resolution.is_none() { Wanted::ALL } else { Wanted::NOTHING };
+            let mut arriving = 0.0;
             if let Some(at) = self.solution.mesh.locate(seen.hit.triangle, side, seen.position) {
-                if let Some(resolution) = self.resolution.filter(|_| shadows.is_some()) {
+                if let Some(resolution) = self.resolution.filter(|_| is_asked) {
                     let stored =
                         [Term::Direct, Term::Mirrored].map(|term| self.solution.irradiance(term, &at).0);
                     wanted = resolution.wanted(&at, stored, seen);
@@ -342,6 +350,10 @@ impl Eye<'_> {
                     };
                     light.add(layer, through, send * read);
                 }
+                if !wanted.is_nothing() {
+                    let all = Term::ALL.map(|term| self.solution.irradiance(term, &at).0);
+                    arriving = all.into_iter().sum::<Rgb>().dot(LUMINANCE);
+                }
             }
             if !wanted.is_nothing() || !tracer.scene().lights().is_empty() {
                 let mut receiver = Receiver::on(tracer, seen.hit.triangle, side, seen.hit.at);
@@ -353,21 +365,76 @@ impl Eye<'_> {
                     let bent = tracer.scene().bent_normal(seen.hit.triangle, seen.hit.at, map);
                     receiver.normal = side.orient(bent);
                 }
-                let punctual = self.lights.punctual(&receiver, scratch);
+                let punctual = self.lights.punctual(&receiver, &mut answers.light);
                 light.add(LightLayer::Direct, through, send * punctual.direct);
                 light.add(LightLayer::Mirrored, through, send * punctual.mirrored);
-                if let Some(shadows) = shadows.as_mut().filter(|_| !wanted.is_nothing()) {
-                    // Beside what the mesh holds, bent normals would be seen as a patch.
-                    if self.resolution.is_some() {
-                        receiver.normal = as_stored;
-                    }
-                    let sources = shadows.cast(self.lights, &receiver, send, wanted, scratch);
-                    light.add(LightLayer::Direct, through, send * sources.direct);
-                    light.add(LightLayer::Mirrored, through, send * sources.mirrored);
+                let Some(samples) = asked.query.samples().filter(|_| !wanted.is_nothing()) else { continue };
+                // Beside what the mesh holds, bent normals would be seen as a patch.
+                let mut pixel = 0.0;
+                if let Some(resolution) = self.resolution {
+                    receiver.normal = as_stored;
+                    pixel = resolution.pixel_at(seen);
                 }
+                let terms = [wanted.direct, wanted.mirrored].map(|share| share > 0.0);
+                asked.count += 1;
+                let request = Request {
+                    place: Place { facet, way: seen.way, side, terms },
+                    receiver,
+                    samples: in_proportion(samples, send),
+                    key: asked.key.child(asked.count),
+                    wanted,
+                    send,
+                    through,
+                    arriving,
+                    direction: seen.direction,
+                    pixel,
+                };
+                let found = match asked.query {
+                    Query::Defer(_) => {
+                        answers.requests.push(request);
+                        continue;
+                    }
+                    Query::Recall(_, around) => around.recall(&answers.own, &request).unwrap_or_else(|| {
+                        let found = request.evaluate(self.lights, &mut answers.light);
+                        answers.own.push(Record::of(&request, &found));
+                        found
+                    }),
+                    Query::Stored | Query::Evaluate(_) => request.evaluate(self.lights, &mut answers.light),
+                };
+                asked.shadows.add(light, (send, through), wanted, &found);
             }
         }
     }
+}
+
+/// How the light of sources is got along an eye path.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Query<'a> {
+    /// What the mesh holds is read.
+    Stored,
+    /// It is evaluated where that is wanted, by about so many shadow rays.
+    Evaluate(Samples),
+    /// It is left to be found later.
+    Defer(Samples),
+    /// What is known around a pixel is taken, where that agrees, or it is evaluated.
+    Recall(Samples, Around<'a>),
+}
+
+impl Query<'_> {
+    fn samples(&self) -> Option<Samples> {
+        match *self {
+            Self::Stored => None,
+            Self::Evaluate(samples) | Self::Defer(samples) | Self::Recall(samples, _) => Some(samples),
+        }
+    }
+}
+
+/// What is asked along an eye path.
+struct Asked<'a> {
+    query: Query<'a>,
+    key: Key,
+    count: u32,
+    shadows: Shadows,
 }
 
 /// Branches of less throughput draw no edges: what is bright enough to be seen through them differs in radiance.
@@ -378,46 +445,6 @@ const BRIGHT: f32 = 0.1;
 
 /// Keys of shadow rays are children of a sample's key with this number: the pixel's own use small ones.
 const SHADOWS: u32 = 1 << 16;
-
-/// Shadow rays of a sample, and what they found.
-#[derive(Clone, Copy, Debug)]
-struct Shadows {
-    rays: Samples,
-    key: Key,
-    asked: u32,
-    /// Radiance that is missing because something blocks it.
-    blocked: Rgb,
-    penumbra: bool,
-    /// Variance of the luminance found.
-    grain: f32,
-}
-
-impl Shadows {
-    fn new(rays: Samples, key: Key) -> Self {
-        Self { rays, key, asked: 0, blocked: Rgb::ZERO, penumbra: false, grain: 0.0 }
-    }
-
-    /// Evaluates what is wanted of the sources at a hit of which the eye gets the share `send`: rays in proportion.
-    fn cast(
-        &mut self,
-        lights: &Lights,
-        receiver: &Receiver,
-        send: Rgb,
-        wanted: Wanted,
-        scratch: &mut irradiance::Scratch,
-    ) -> SourceLight {
-        let share = (send.max_element() * PI).min(1.0);
-        let count = ((self.rays.count as f32 * share).ceil() as u32).max(1);
-        let rays = Samples { count, ..self.rays };
-        self.asked += 1;
-        let key = self.key.child(self.asked);
-        let found = SourceLight::at(lights, receiver, wanted, rays, key, scratch);
-        self.blocked += send * (found.unoccluded - found.direct - found.mirrored);
-        self.penumbra |= found.penumbra;
-        self.grain += (0.5 * (send * found.split).dot(LUMINANCE)).powi(2);
-        found
-    }
-}
 
 /// One step of the trail's hash (FNV-1a).
 #[inline]

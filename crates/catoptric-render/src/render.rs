@@ -10,6 +10,8 @@
 //! centres, pixels are sampled because those before are noisy, or found it on that side.
 //! Where a pixel's own samples leave it quite uncertain, as one that met a spark does, there are more of them.
 //! Pixels in or beside a penumbra that shadow rays found are sampled again through the centre, by more of them.
+//! Where the mesh is too coarse and the light of sources is evaluated, pixels share what is found: it is interpolated between centres where it is
+//! smooth (`interpolation`), and recalled by the other samples around them (`irradiance_cache`).
 
 use std::ops::Range;
 
@@ -17,6 +19,7 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 use catoptric_image::Image;
+use catoptric_light::irradiance::Samples;
 use catoptric_light::{LightParams, Lights};
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_scene::{Camera, Cancelled, Progress, Scene};
@@ -27,12 +30,14 @@ use catoptric_trace::walk::split::SplitParams;
 
 use crate::bundles::{Legs, Missed, Sources};
 use crate::direct::{DirectLight, ShadowRays};
+use crate::interpolation;
+use crate::irradiance_cache::{Around, Records, Request};
 use crate::layers::{Beauty, Kept, Layered, NAMES};
 use crate::lines::{Footprint, LAYER as LINES};
 use crate::needs::{Compared, DARK, Need, SAME, mean_luminance};
 use crate::outlines::Outlines;
 use crate::penumbrae::Penumbrae;
-use crate::pixel::{Eye, FirstHit, Sample, Scratch};
+use crate::pixel::{Eye, FirstHit, Query, Sample, Scratch};
 use crate::resolution::Resolution;
 use crate::supersampling::{again, is_beside_noise, resample, shadow_rays, shoot};
 
@@ -174,12 +179,21 @@ fn render_keeping<L: Kept>(
     // The legs of these rays, from the row above a band on. In boxes: most pixels have none, and they are hundreds of bytes.
     let sources = Sources::new(&lights);
     let (mut legs, mut missed): (Vec<Option<Box<Legs>>>, Vec<Missed>) = (Vec::new(), Vec::new());
+    let first_query = match params.direct {
+        DirectLight::Vertices => Query::Stored,
+        DirectLight::Auto(rays) => Query::Defer(Samples::exact(rays.first)),
+        DirectLight::Pixels(rays) => Query::Evaluate(Samples::exact(rays.first)),
+    };
+    let mut records = Records::default();
+    let rows = (BAND / width.max(1)).max(1);
     while pixels.len() < width * height {
-        let band = pixels.len()..(pixels.len() + BAND).min(width * height);
+        let band = pixels.len()..(pixels.len() + rows * width).min(width * height);
         let above = legs.len();
         legs.resize(if sources.are_thrown() { above + band.len() } else { 0 }, None);
-        let first = band.into_par_iter().with_min_len(JOB).with_max_len(JOB);
-        let shot = |scratch: &mut Scratch, index: usize| {
+        let mut requests: Vec<Box<[Request]>> = vec![Box::default(); band.len()];
+        let start = band.start;
+        let first = band.into_par_iter().zip(&mut requests).with_min_len(JOB).with_max_len(JOB);
+        let shot = |scratch: &mut Scratch, index: usize, requests: &mut Box<[Request]>| {
             if index.is_multiple_of(JOB) {
                 progress.advance(1);
             }
@@ -188,19 +202,31 @@ fn render_keeping<L: Kept>(
             }
             let key = Key::new(params.seed, Purpose::Pixel, index as u64);
             let at = (index % width, index / width);
-            shoot(&eye, film, params, at, (0.5, 0.5), shadow_rays(params, 0), (key, 0), scratch)
+            let sample = shoot(&eye, film, params, at, (0.5, 0.5), first_query, (key, 0), scratch);
+            *requests = scratch.sources.requests.as_slice().into();
+            sample
         };
         if sources.are_thrown() {
             pixels.par_extend(first.zip(&mut legs[above..]).map_init(
                 Scratch::noting_legs,
-                |scratch, (index, legs)| {
-                    let sample = shot(scratch, index);
+                |scratch, ((index, requests), legs)| {
+                    let sample = shot(scratch, index, requests);
                     *legs = scratch.legs.filter(Legs::any).map(Box::new);
                     sample
                 },
             ));
         } else {
+            let shot =
+                |scratch: &mut Scratch, (index, requests): (usize, &mut _)| shot(scratch, index, requests);
             pixels.par_extend(first.map_init(Scratch::default, shot));
+        }
+        let asking: Vec<usize> = (0..requests.len()).filter(|&i| !requests[i].is_empty()).collect();
+        requests.retain(|requests| !requests.is_empty());
+        let size = [width, (pixels.len() - start) / width];
+        let found = interpolation::find(&lights, (&asking, &requests), (size, true), progress);
+        for (pixel, (requests, found)) in asking.into_iter().zip(requests.iter().zip(&found)) {
+            interpolation::add(&mut pixels[start + pixel], requests, found);
+            records.push(start + pixel, requests, found);
         }
         if progress.is_cancelled() {
             return Err(Cancelled);
@@ -225,9 +251,17 @@ fn render_keeping<L: Kept>(
             break;
         }
         let of = (width, exposure);
-        penumbrae.look(&mut pixels, of, &uncertain, params.direct, progress, |at, rays, scratch| {
-            shoot(&eye, film, params, at, (0.5, 0.5), rays, (again(params, at), 0), scratch)
-        })?;
+        let shoot = |at: (usize, usize), query: Query, scratch: &mut Scratch| {
+            shoot(&eye, film, params, at, (0.5, 0.5), query, (again(params, at), 0), scratch)
+        };
+        penumbrae.look(
+            (&mut pixels, &mut records),
+            of,
+            &uncertain,
+            (&lights, params.direct),
+            progress,
+            shoot,
+        )?;
         compared.update(&pixels, &uncertain, &mut needs);
     }
     for thin in outlines.thin() {
@@ -253,7 +287,7 @@ fn render_keeping<L: Kept>(
         sources.outline(missed, width, |place| {
             let (at, within) = (place.as_usizevec2(), place.fract().as_vec2());
             let (at, within) = ((at.x, at.y), (within.x, within.y));
-            shoot::<Beauty>(&eye, film, params, at, within, None, (key, 0), scratch);
+            shoot::<Beauty>(&eye, film, params, at, within, Query::Stored, (key, 0), scratch);
             scratch.legs.unwrap_or_default()
         })
     };
@@ -266,8 +300,16 @@ fn render_keeping<L: Kept>(
     }
     let resample = |at: (usize, usize), fresh: Range<u32>, pixel: &mut Sample<L>, scratch: &mut Scratch| {
         let index = at.1 * width + at.0;
-        let rays = shadow_rays(params, fresh.end).filter(|_| penumbrae.read[index] < 0.5);
-        resample(&eye, film, params, (outlines.cuts(index), exposure), rays, at, fresh, pixel, scratch);
+        let query = match shadow_rays(params, fresh.end).filter(|_| penumbrae.read[index] < 0.5) {
+            None => Query::Stored,
+            Some(rays) if matches!(params.direct, DirectLight::Auto(_)) => {
+                // Where the contrast is little, that of shadows on an edge is, too.
+                let own = if fresh.end < strong { 0 } else { OWN };
+                Query::Recall(rays, Around { records: &records, pixel: index, size: (width, height), own })
+            }
+            Some(rays) => Query::Evaluate(rays),
+        };
+        resample(&eye, film, params, (outlines.cuts(index), exposure), query, at, fresh, pixel, scratch);
     };
     for_pixels(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
         Need::Nothing | Need::Shadows => {}
@@ -377,7 +419,7 @@ fn for_pixels<L: Kept>(
 }
 
 /// Works on some pixels, in parallel: few, near each other, and each a long job.
-pub(crate) fn for_some<L: Kept>(
+fn for_some<L: Kept>(
     pixels: &mut [Sample<L>],
     width: usize,
     indices: &[usize],
@@ -408,6 +450,9 @@ pub(crate) fn for_some<L: Kept>(
 const MORE: u32 = 2;
 /// Samples where the contrast is strong, for each where it is not: a power of `MORE`.
 const STRONG: u32 = 4;
+
+/// Samples of [`STRONG`] ones that evaluate the light of sources at a place before any may recall it.
+const OWN: usize = 3;
 
 /// Rounds in which pixels beside grainy penumbrae are looked at, at most.
 const LOOKS: u32 = 8;

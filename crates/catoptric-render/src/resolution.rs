@@ -63,6 +63,11 @@ impl Resolution {
         Self { blurred: blurred(mesh, &light), pixel }
     }
 
+    /// How far apart pixels are where something is seen, across the ray, metres. Planar mirrors keep that, curved ones do not.
+    pub(crate) fn pixel_at(&self, seen: &Seen) -> f32 {
+        self.pixel.width + self.pixel.spread * seen.distance
+    }
+
     /// What is to be evaluated at a place, where the mesh holds so much direct and mirrored light.
     #[inline]
     pub(crate) fn wanted(&self, at: &Located, [known, mirrored]: [Rgb; 2], seen: &Seen) -> Wanted {
@@ -75,7 +80,7 @@ impl Resolution {
         if most < LEAST_BEND * seen.interaction.emission.0.dot(LUMINANCE) {
             return Wanted::NOTHING;
         }
-        let pixel = self.pixel.width + self.pixel.spread * seen.distance;
+        let pixel = self.pixel_at(seen);
         let [direct, mirrored] = [0, 1].map(|term| {
             let [a, b, c] = corners.map(|blurred| blurred[term]);
             let blurred = a * at.weights[0] + b * at.weights[1] + c * at.weights[2];

@@ -12,7 +12,7 @@ use crate::layers::Kept;
 use crate::lines::Footprint;
 use crate::needs::shown;
 use crate::outlines::Cut;
-use crate::pixel::{Eye, Sample, Scratch};
+use crate::pixel::{Eye, Query, Sample, Scratch};
 use crate::render::{RenderParams, around};
 
 /// Times the threshold of roulette for pixels on an edge: their own noise is more than what it adds (3e-6 to 9e-6 of squared relative
@@ -29,14 +29,14 @@ pub(crate) fn shoot<L: Kept>(
     params: &RenderParams,
     (x, y): (usize, usize),
     (dx, dy): (f32, f32),
-    shadow_rays: Option<Samples>,
+    query: Query,
     sample: (Key, u32),
     scratch: &mut Scratch,
 ) -> Sample<L> {
     let (origin, direction) = film.ray(x as f32 + dx, y as f32 + dy);
     let place = (x as f32 + dx, y as f32 + dy);
     let footprint = params.mesh.then(|| Footprint::at(film, place));
-    eye.sample(origin + direction * film.near, direction, footprint, shadow_rays, sample, scratch)
+    eye.sample(origin + direction * film.near, direction, footprint, query, sample, scratch)
 }
 
 /// Replaces the light of a pixel by the mean of samples on a grid of its own (box filter), or adds the `fresh` ones among
@@ -46,7 +46,7 @@ pub(crate) fn resample<L: Kept>(
     film: &Film,
     params: &RenderParams,
     (cuts, exposure): ([Option<&Cut>; 2], f32),
-    rays: Option<Samples>,
+    query: Query,
     at: (usize, usize),
     fresh: Range<u32>,
     pixel: &mut Sample<L>,
@@ -59,12 +59,13 @@ pub(crate) fn resample<L: Kept>(
         pixel.light.clear();
         (pixel.lines, pixel.squares) = (0.0, 0.0);
     }
+    scratch.sources.own.clear();
     // Something else may be before the lamp.
     let shows = |cut: &&Cut| {
         let Some(place) = cut.inside() else { return true };
         let sample = (key.child(INSIDE), 0);
         let Sample::<L> { light, .. } =
-            shoot(eye, film, params, at, (place.x, place.y), None, sample, scratch);
+            shoot(eye, film, params, at, (place.x, place.y), Query::Stored, sample, scratch);
         light.emission() > 0.0
     };
     let cut = cuts.into_iter().flatten().find(shows);
@@ -79,7 +80,7 @@ pub(crate) fn resample<L: Kept>(
         let point = key.point2(index);
         let (offset, side, weight) = cut.map_or((point, 0, 1.0), |cut| cut.place(point));
         let mut sample: Sample<L> =
-            shoot(eye, film, params, at, (offset.x, offset.y), rays, (key, index), scratch);
+            shoot(eye, film, params, at, (offset.x, offset.y), query, (key, index), scratch);
         if sample.trail != pixel.trail {
             let difference = (shown(sample.light.beauty(), exposure) - pixel.centre).abs().max_element();
             if difference > params.contrast {

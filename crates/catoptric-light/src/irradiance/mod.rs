@@ -112,6 +112,8 @@ pub struct SourceIrradiance {
     /// Each source was wholly visible, or wholly blocked, or equally thinned, as far as the samples tell: more of them
     /// would hardly tell more.
     pub even: bool,
+    /// Shadow rays told how much of some source is seen. Else that is known exactly.
+    pub sampled: bool,
     /// Of some source no more than the [`LOOK`] samples were taken that a calm place begins with: they agreed.
     pub looked: bool,
     /// What the first half of the samples found beyond the second: a quarter of its square estimates the variance of the
@@ -126,6 +128,7 @@ impl SourceIrradiance {
         unoccluded: Rgb::ZERO,
         partial: false,
         even: true,
+        sampled: false,
         looked: false,
         split: Rgb::ZERO,
     };
@@ -304,6 +307,7 @@ impl<'a> Lights<'a> {
             sum.unoccluded += part.unoccluded;
             sum.partial |= part.partial;
             sum.even &= part.even;
+            sum.sampled |= part.sampled;
             sum.looked |= part.looked;
             sum.split += part.split;
         }
@@ -428,6 +432,7 @@ impl<'a> Lights<'a> {
         }
         result.partial = tally.is_partial();
         result.even = tally.is_even();
+        result.sampled = tally.sampled;
         result.looked = tally.looked;
         result.split = tally.split;
         result

@@ -285,7 +285,10 @@ impl Lights<'_> {
         let varies = is_textured || passes == Passing::Varied;
         let count = if varies { shots.count } else { shots.count.min(FREE_SAMPLES) };
         let shots = Shots { count, parts, free: passes_nothing, ..*shots };
-        self.shoot(at, target, &shots, 0..count, &mut Sums::default(), scratch, tally)
+        let sampled = tally.sampled || varies;
+        let found = self.shoot(at, target, &shots, 0..count, &mut Sums::default(), scratch, tally);
+        tally.sampled = sampled;
+        found
     }
 
     /// Irradiance by a target by the samples so far and more of them.
@@ -378,6 +381,8 @@ pub(super) struct Tally {
     seen: bool,
     missed: bool,
     uneven: bool,
+    /// See [`SourceIrradiance::sampled`](super::SourceIrradiance::sampled).
+    pub(super) sampled: bool,
     /// See [`SourceIrradiance::looked`](super::SourceIrradiance::looked).
     pub(super) looked: bool,
     /// Of the present target.
@@ -393,6 +398,7 @@ impl Default for Tally {
             seen: false,
             missed: false,
             uneven: false,
+            sampled: false,
             looked: false,
             least: f32::INFINITY,
             most: 0.0,
@@ -449,6 +455,7 @@ impl Tally {
 
     #[inline]
     fn count(&mut self, share: Rgb) {
+        self.sampled = true;
         if share == Rgb::ZERO {
             self.missed = true;
         } else {
