@@ -94,6 +94,13 @@ pub(crate) struct Part {
     pub(crate) sampled: bool,
 }
 
+impl Part {
+    /// Of its luminance, as well as one difference tells.
+    pub(crate) fn variance(&self) -> f32 {
+        (0.5 * self.split.dot(LUMINANCE)).powi(2)
+    }
+}
+
 impl From<SourceIrradiance> for Part {
     fn from(found: SourceIrradiance) -> Self {
         let SourceIrradiance { irradiance, unoccluded, split, partial, sampled, .. } = found;
@@ -157,7 +164,6 @@ impl Shadows {
         wanted: Wanted,
         found: &SourceLight,
     ) {
-        let mut split = Rgb::ZERO;
         for (part, share, layer) in [
             (found.direct, wanted.direct, LightLayer::Direct),
             (found.mirrored, wanted.mirrored, LightLayer::Mirrored),
@@ -166,8 +172,7 @@ impl Shadows {
             light.add(layer, through, send * part.irradiance);
             self.blocked += send * (part.unoccluded - part.irradiance);
             self.penumbra |= part.penumbra;
-            split += send * part.split;
+            self.grain += Part { split: send * part.split, ..part }.variance();
         }
-        self.grain += (0.5 * split.dot(LUMINANCE)).powi(2);
     }
 }

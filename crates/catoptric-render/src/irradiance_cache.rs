@@ -9,8 +9,7 @@ use glam::{Mat3, Vec3};
 
 use catoptric_light::irradiance::{Samples, Scratch};
 use catoptric_light::{Lights, Receiver};
-use catoptric_scene::quantity::LUMINANCE;
-use catoptric_scene::{Rgb, Side};
+use catoptric_scene::{MaterialId, Rgb, Side};
 use catoptric_trace::sequence::Key;
 use catoptric_trace::walk::split::Way;
 
@@ -21,6 +20,8 @@ use crate::direct::{Part, SourceLight, Wanted};
 pub(crate) struct Place {
     /// Plane or smooth surface.
     pub(crate) facet: u32,
+    /// Coats let through what others in the plane do not.
+    pub(crate) material: MaterialId,
     pub(crate) way: Way,
     pub(crate) side: Side,
     /// Whether direct and mirrored light are wanted.
@@ -39,8 +40,10 @@ pub(crate) struct Request {
     pub(crate) send: Rgb,
     /// Seen through mirrors or glass.
     pub(crate) through: bool,
-    /// Luminous irradiance by all light, as far as the mesh knows.
+    /// Luminous irradiance by all light, as far as the mesh knows, …
     pub(crate) arriving: f32,
+    /// … and what is wanted of it.
+    pub(crate) stored: f32,
     /// Direction of the eye path there.
     pub(crate) direction: Vec3,
     /// How far apart pixels are there, across it, metres.
@@ -82,9 +85,13 @@ impl Record {
             place: request.place,
             position: request.receiver.position,
             irradiance: parts.map(|part| part.irradiance),
-            deviation: parts.map(|part| 0.5 * part.split.dot(LUMINANCE).abs()),
+            deviation: parts.map(|part| part.variance().sqrt()),
             arriving: request.arriving,
         }
+    }
+
+    pub(crate) fn is_at(&self, place: &Place) -> bool {
+        self.place == *place
     }
 }
 
@@ -96,7 +103,7 @@ pub(crate) struct Records {
     ends: Vec<u32>,
 }
 
-/// Records at most: a hundred megabytes. What is known of fewer pixels serves fewer.
+/// Records at most: 134 MB. What is known of fewer pixels serves fewer.
 const MOST_RECORDS: usize = 1 << 21;
 
 impl Records {
@@ -145,6 +152,8 @@ const RING: usize = 2;
 const NEAR: [f32; 2] = [2.5, 0.75];
 /// Records through which a plane may be laid: one that three decide tells nothing.
 const ENOUGH: usize = 5;
+/// Records of a pixel's own at a place, at most: where so many lie in no plane, further ones would not either.
+pub(crate) const MOST_OWN: usize = 24;
 /// What records may lie off it, relative to all light that arrives, for each of [`NEAR`]; …
 const OFF: [f32; 2] = [0.02, 0.05];
 /// … and in deviations.
@@ -158,7 +167,8 @@ const THIN: f32 = 1e-3;
 impl Around<'_> {
     /// What is wanted, by a plane through the records nearby, the pixel's `own` among them. `None` where these are few, or not in one.
     pub(crate) fn recall(&self, own: &[Record], request: &Request) -> Option<SourceLight> {
-        if own.iter().filter(|record| record.place == request.place).count() < self.own {
+        let count = own.iter().filter(|record| record.is_at(&request.place)).count();
+        if !(self.own..MOST_OWN).contains(&count) {
             return None;
         }
         NEAR.iter()
@@ -187,12 +197,11 @@ impl Around<'_> {
                 let offset = record.position - request.receiver.position;
                 let at = Vec3::new(1.0, offset.dot(over), offset.dot(up));
                 let square = at.y * at.y + at.z * at.z;
-                let is_near = record.place == request.place && square <= 1.0;
+                let is_near = record.is_at(&request.place) && square <= 1.0;
                 is_near.then_some((at, 1.0 / (square + FLAT), record))
             })
         };
         near().nth(ENOUGH - 1)?;
-        // The plane's value where the records are seen from is their mean by these weights.
         let by = |light: Vec3, at: Vec3| Mat3::from_cols(light * at.x, light * at.y, light * at.z);
         let sum = near().fold(Mat3::ZERO, |sum, (at, weight, _)| sum + by(at, at) * weight);
         let flat = sum.determinant() / sum.x_axis.x.powi(3);
@@ -209,7 +218,7 @@ impl Around<'_> {
         let planes = [0, 1].map(plane);
         let are_near = near().all(|(at, _, record)| {
             [0, 1].into_iter().all(|term| {
-                let off = (planes[term] * at - record.irradiance[term]).dot(LUMINANCE).abs();
+                let off = (planes[term] * at - record.irradiance[term]).abs().max_element();
                 off <= most * request.arriving + CHANCE * record.deviation[term]
             })
         });
@@ -249,7 +258,13 @@ mod tests {
             media: MediumStack::AIR,
         };
         Request {
-            place: Place { facet: 1, way: Way::default(), side: Side::Front, terms: [true, true] },
+            place: Place {
+                facet: 1,
+                material: MaterialId(0),
+                way: Way::default(),
+                side: Side::Front,
+                terms: [true, true],
+            },
             receiver,
             samples: Samples::exact(8),
             key: Key::new(0, Purpose::Test, 0),
@@ -257,6 +272,7 @@ mod tests {
             send: Rgb::ONE,
             through: false,
             arriving,
+            stored: 0.0,
             direction: Vec3::NEG_Z,
             pixel: 0.1,
         }
@@ -311,6 +327,7 @@ mod tests {
         assert!(around(&even, [4, 4], 0).recall(&[dark], &expected).is_none());
         assert!(around(&even, [4, 4], 2).recall(&[lit], &expected).is_none());
         assert!(around(&even, [4, 4], 2).recall(&[lit; 2], &expected).is_some());
+        assert!(around(&even, [4, 4], 2).recall(&[lit; MOST_OWN], &expected).is_none());
     }
 
     #[test]
@@ -323,6 +340,7 @@ mod tests {
         };
         assert!(other(|_| {}).is_some());
         assert!(other(|request| request.place.facet = 2).is_none());
+        assert!(other(|request| request.place.material = MaterialId(1)).is_none());
         assert!(other(|request| request.place.side = Side::Back).is_none());
         assert!(other(|request| request.place.terms = [true, false]).is_none());
         assert!(other(|request| request.receiver.position.x += 1.0).is_none());

@@ -12,7 +12,7 @@ use catoptric_light::irradiance::Samples;
 use catoptric_scene::quantity::LUMINANCE;
 use catoptric_scene::{Cancelled, Progress};
 
-use crate::direct::DirectLight;
+use crate::direct::{DirectLight, SourceLight};
 use crate::interpolation;
 use crate::irradiance_cache::{Records, Request};
 use crate::layers::Kept;
@@ -31,9 +31,7 @@ const GRAINY: u32 = 4;
 /// by .7 to 1.4 of what the rays are, and smooth. By and by, so that no border is seen. (Of the 8 bulbs of the test, grain of .7 % of the light was left at 4, .85 % at
 /// these; but at 4, patches of a mesh that was 4 % off had borders on the floor of an elevator.)
 const EXPLAINED: (f32, f32) = (1.5, 3.0);
-/// Pixels from which on some are looked at together.
-const MANY: usize = 256;
-/// … and at most.
+/// Pixels that are looked at in one go.
 const BATCH: usize = 1 << 16;
 /// Pixels around over which the variance is pooled: that of one is known by a single difference.
 const POOLED: usize = 2;
@@ -68,7 +66,7 @@ impl Penumbrae {
                 || around(index, width, pixels.len() / width.max(1)).any(is_grainy))
     }
 
-    /// Looks at some pixels of a picture: `shoot` gives what is seen through the centre of one by shadow rays, or by none.
+    /// Looks at some pixels of a picture: `shoot` gives what is seen through the centre of one, with the light of sources as it is asked for.
     pub(crate) fn look<L: Kept>(
         &mut self,
         (pixels, records): (&mut [Sample<L>], &mut Records),
@@ -80,10 +78,12 @@ impl Penumbrae {
     ) -> Result<(), Cancelled> {
         let (DirectLight::Auto(rays) | DirectLight::Pixels(rays)) = direct else { return Ok(()) };
         let rays = Samples::exact(rays.penumbra);
-        // What pixels beside each other find is interpolated where it is smooth, as that of first rays is; or each finds its own.
-        let look = |pixels: &mut [Sample<L>], records: &mut Records, some: &[usize], rays: Samples| {
-            let is_shared = matches!(direct, DirectLight::Auto(_)) && some.len() >= MANY;
-            let query = if is_shared { Query::Defer(rays) } else { Query::Evaluate(rays) };
+        let query = match direct {
+            // What pixels beside each other find is interpolated where it is smooth, as that of first rays is.
+            DirectLight::Auto(_) => Query::Defer(rays),
+            DirectLight::Pixels(_) | DirectLight::Vertices => Query::Evaluate(rays),
+        };
+        let mut look = |pixels: &mut [Sample<L>], some: &[usize], query: Query| {
             let shoot = |scratch: &mut Scratch, &index: &usize| {
                 if progress.is_cancelled() {
                     return None;
@@ -94,33 +94,26 @@ impl Penumbrae {
             };
             let seen: Option<Vec<_>> =
                 some.par_iter().with_max_len(1).map_init(Scratch::default, shoot).collect();
-            let (mut asking, mut requests): (Vec<usize>, Vec<Box<[Request]>>) = (Vec::new(), Vec::new());
+            let mut asking = Vec::new();
             for (&index, (seen, asked)) in some.iter().zip(seen.ok_or(Cancelled)?) {
                 let (pixel, Sample { light, open, penumbra, grain, .. }) = (&mut pixels[index], seen);
                 *pixel = Sample { light, open, penumbra, grain, ..*pixel };
                 if !asked.is_empty() {
-                    asking.push(index);
-                    requests.push(asked);
+                    asking.push((index, asked));
                 }
             }
-            let size = [width, pixels.len() / width.max(1)];
-            let found = interpolation::find(lights, (&asking, &requests), (size, false), progress);
-            if progress.is_cancelled() {
-                return Err(Cancelled);
-            }
-            for (index, (requests, found)) in asking.into_iter().zip(requests.iter().zip(&found)) {
-                interpolation::add(&mut pixels[index], requests, found);
-                records.replace(index, requests, found);
-            }
-            Ok(())
+            let note = |pixel: usize, requests: &[Request], found: &[SourceLight]| {
+                records.replace(pixel, requests, found);
+            };
+            interpolation::light(lights, (pixels, width), asking, false, progress, note)
         };
         // So many at a time: what they ask for takes a few hundred bytes each.
-        first.chunks(BATCH).try_for_each(|some| look(pixels, records, some, rays))?;
+        first.chunks(BATCH).try_for_each(|some| look(pixels, some, query))?;
         first.iter().for_each(|&i| self.looked[i] = true);
 
         let more: Vec<usize> =
             self.grainy(pixels, (width, exposure), first).into_iter().map(|g| g.0).collect();
-        more.chunks(BATCH).try_for_each(|some| look(pixels, records, some, rays.times(GRAINY)))?;
+        more.chunks(BATCH).try_for_each(|some| look(pixels, some, query.by(rays.times(GRAINY))))?;
         if !matches!(direct, DirectLight::Auto(_)) {
             return Ok(());
         }

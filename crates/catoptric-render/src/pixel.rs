@@ -15,7 +15,7 @@ use catoptric_trace::{Event, Hit, MediumStack, Ray};
 
 use crate::bundles::{Leg, Legs};
 use crate::direct::{Shadows, Wanted, in_proportion};
-use crate::irradiance_cache::{Around, Place, Record, Request};
+use crate::irradiance_cache::{Around, MOST_OWN, Place, Record, Request};
 use crate::layers::{Kept, LightLayer};
 use crate::lines::{self, Footprint};
 use crate::needs::DARK;
@@ -325,7 +325,7 @@ impl Eye<'_> {
             let is_asked = asked.query.samples().is_some();
             let mut wanted =
                 if is_asked && self.resolution.is_none() { Wanted::ALL } else { Wanted::NOTHING };
-            let mut arriving = 0.0;
+            let (mut arriving, mut from_sources) = (0.0, 0.0);
             if let Some(at) = self.solution.mesh.locate(seen.hit.triangle, side, seen.position) {
                 if let Some(resolution) = self.resolution.filter(|_| is_asked) {
                     let stored =
@@ -351,8 +351,13 @@ impl Eye<'_> {
                     light.add(layer, through, send * read);
                 }
                 if !wanted.is_nothing() {
-                    let all = Term::ALL.map(|term| self.solution.irradiance(term, &at).0);
-                    arriving = all.into_iter().sum::<Rgb>().dot(LUMINANCE);
+                    for term in Term::ALL {
+                        let stored = self.solution.irradiance(term, &at).0;
+                        arriving += stored.dot(LUMINANCE);
+                        if wanted.of(term) > 0.0 {
+                            from_sources += (stored - self.solution.gathered(term, &at).0).dot(LUMINANCE);
+                        }
+                    }
                 }
             }
             if !wanted.is_nothing() || !tracer.scene().lights().is_empty() {
@@ -376,9 +381,10 @@ impl Eye<'_> {
                     pixel = resolution.pixel_at(seen);
                 }
                 let terms = [wanted.direct, wanted.mirrored].map(|share| share > 0.0);
+                let material = tracer.scene().material_id_of(seen.hit.triangle);
                 asked.count += 1;
                 let request = Request {
-                    place: Place { facet, way: seen.way, side, terms },
+                    place: Place { facet, material, way: seen.way, side, terms },
                     receiver,
                     samples: in_proportion(samples, send),
                     key: asked.key.child(asked.count),
@@ -386,6 +392,7 @@ impl Eye<'_> {
                     send,
                     through,
                     arriving,
+                    stored: from_sources,
                     direction: seen.direction,
                     pixel,
                 };
@@ -396,7 +403,10 @@ impl Eye<'_> {
                     }
                     Query::Recall(_, around) => around.recall(&answers.own, &request).unwrap_or_else(|| {
                         let found = request.evaluate(self.lights, &mut answers.light);
-                        answers.own.push(Record::of(&request, &found));
+                        let at_place = answers.own.iter().filter(|own| own.is_at(&request.place));
+                        if at_place.count() < MOST_OWN {
+                            answers.own.push(Record::of(&request, &found));
+                        }
                         found
                     }),
                     Query::Stored | Query::Evaluate(_) => request.evaluate(self.lights, &mut answers.light),
@@ -421,6 +431,16 @@ pub(crate) enum Query<'a> {
 }
 
 impl Query<'_> {
+    /// The same by other shadow rays.
+    pub(crate) fn by(self, rays: Samples) -> Self {
+        match self {
+            Self::Stored => self,
+            Self::Evaluate(_) => Self::Evaluate(rays),
+            Self::Defer(_) => Self::Defer(rays),
+            Self::Recall(_, around) => Self::Recall(rays, around),
+        }
+    }
+
     fn samples(&self) -> Option<Samples> {
         match *self {
             Self::Stored => None,

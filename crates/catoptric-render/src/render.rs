@@ -29,7 +29,7 @@ use catoptric_trace::sequence::{Key, Purpose};
 use catoptric_trace::walk::split::SplitParams;
 
 use crate::bundles::{Legs, Missed, Sources};
-use crate::direct::{DirectLight, ShadowRays};
+use crate::direct::{DirectLight, ShadowRays, SourceLight};
 use crate::interpolation;
 use crate::irradiance_cache::{Around, Records, Request};
 use crate::layers::{Beauty, Kept, Layered, NAMES};
@@ -220,17 +220,14 @@ fn render_keeping<L: Kept>(
                 |scratch: &mut Scratch, (index, requests): (usize, &mut _)| shot(scratch, index, requests);
             pixels.par_extend(first.map_init(Scratch::default, shot));
         }
-        let asking: Vec<usize> = (0..requests.len()).filter(|&i| !requests[i].is_empty()).collect();
-        requests.retain(|requests| !requests.is_empty());
-        let size = [width, (pixels.len() - start) / width];
-        let found = interpolation::find(&lights, (&asking, &requests), (size, true), progress);
-        for (pixel, (requests, found)) in asking.into_iter().zip(requests.iter().zip(&found)) {
-            interpolation::add(&mut pixels[start + pixel], requests, found);
-            records.push(start + pixel, requests, found);
-        }
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
+        let asking = (start..).zip(requests).filter(|(_, requests)| !requests.is_empty()).collect();
+        let note = |pixel: usize, requests: &[Request], found: &[SourceLight]| {
+            records.push(pixel, requests, found);
+        };
+        interpolation::light(&lights, (&mut pixels, width), asking, true, progress, note)?;
         missed.extend(sources.between(&legs, pixels.len() - legs.len(), width, progress));
         missed.truncate(MOST_MISSED);
         legs.drain(..legs.len().saturating_sub(width + 1));
@@ -384,8 +381,8 @@ const PLACES: u32 = 2;
 
 /// Pixels in one parallel job. A row is too long: where a horizon lies between mirrors, it takes as long as the rest.
 const JOB: usize = 32;
-/// Pixels that get their first ray before somebody may stop it: those of a large picture take gigabytes.
-const BAND: usize = 1 << 18;
+/// Pixels that get their first ray before somebody may stop it, and before what they ask for is found: those of a large picture take gigabytes.
+const BAND: usize = 1 << 16;
 
 /// Pixels that are looked at in one go, where nothing is traced.
 const FEW: usize = 1024;
