@@ -488,6 +488,20 @@ mod tests {
     }
 
     #[test]
+    fn any_number_of_threads_finds_the_same() {
+        let scene = floor(0.1, 0.3);
+        let tracer = Tracer::new(&scene);
+        let lights = Lights::new(&tracer, LightParams::default());
+        let requests = requests(&lights, (90, 70), 1.0);
+        let asking: Vec<usize> = (0..requests.len()).collect();
+        let found = [1, 2, 5].map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| find(&lights, (&asking, &requests), (90, true), &Silent).expect("not cancelled"))
+        });
+        assert!(found[0] == found[1] && found[0] == found[2]);
+    }
+
+    #[test]
     fn few_rays_leave_doubts_and_noise_does_not_cancel() {
         let part = |split: f32| Part { split: Rgb::splat(split), sampled: true, ..Part::default() };
         let found = [0.2, -0.2, 0.2, -0.2, 0.2].map(|split| {

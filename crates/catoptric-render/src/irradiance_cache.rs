@@ -14,6 +14,7 @@ use catoptric_trace::sequence::Key;
 use catoptric_trace::walk::split::Way;
 
 use crate::direct::{Part, SourceLight, Wanted};
+use crate::render::window;
 
 /// A part of what eye paths meet on which source light is compared: the same surface, seen the same way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,8 +91,11 @@ impl Record {
         }
     }
 
-    pub(crate) fn is_at(&self, place: &Place) -> bool {
-        self.place == *place
+    /// Adds it to those of a pixel, unless they have enough at its place.
+    pub(crate) fn add_to(self, own: &mut Vec<Self>) {
+        if own.iter().filter(|other| other.place == self.place).count() < MOST_OWN {
+            own.push(self);
+        }
     }
 }
 
@@ -153,7 +157,7 @@ const NEAR: [f32; 2] = [2.5, 0.75];
 /// Records through which a plane may be laid: one that three decide tells nothing.
 const ENOUGH: usize = 5;
 /// Records of a pixel's own at a place, at most: where so many lie in no plane, further ones would not either.
-pub(crate) const MOST_OWN: usize = 24;
+const MOST_OWN: usize = 24;
 /// What records may lie off it, relative to all light that arrives, for each of [`NEAR`]; …
 const OFF: [f32; 2] = [0.02, 0.05];
 /// … and in deviations.
@@ -167,7 +171,7 @@ const THIN: f32 = 1e-3;
 impl Around<'_> {
     /// What is wanted, by a plane through the records nearby, the pixel's `own` among them. `None` where these are few, or not in one.
     pub(crate) fn recall(&self, own: &[Record], request: &Request) -> Option<SourceLight> {
-        let count = own.iter().filter(|record| record.is_at(&request.place)).count();
+        let count = own.iter().filter(|record| record.place == request.place).count();
         if !(self.own..MOST_OWN).contains(&count) {
             return None;
         }
@@ -183,21 +187,17 @@ impl Around<'_> {
         own: &[Record],
         request: &Request,
     ) -> Option<SourceLight> {
-        let (width, height) = self.size;
-        let [x, y] = [self.pixel % width, self.pixel / width];
-        let ring = |at: usize, count: usize| at.saturating_sub(RING)..(at + RING + 1).min(count);
         // Across the ray, as pixels lie beside each other.
         let (over, up) = request.direction.any_orthonormal_pair();
         let [over, up] = [over / reach, up / reach];
         let near = || {
-            let pixels =
-                ring(y, height).flat_map(|row| ring(x, width).map(move |column| row * width + column));
+            let pixels = window(self.pixel, self.size, RING);
             let known = pixels.flat_map(|pixel| self.records.of(pixel)).chain(own);
             known.filter_map(|record| {
                 let offset = record.position - request.receiver.position;
                 let at = Vec3::new(1.0, offset.dot(over), offset.dot(up));
                 let square = at.y * at.y + at.z * at.z;
-                let is_near = record.is_at(&request.place) && square <= 1.0;
+                let is_near = record.place == request.place && square <= 1.0;
                 is_near.then_some((at, 1.0 / (square + FLAT), record))
             })
         };
@@ -327,7 +327,10 @@ mod tests {
         assert!(around(&even, [4, 4], 0).recall(&[dark], &expected).is_none());
         assert!(around(&even, [4, 4], 2).recall(&[lit], &expected).is_none());
         assert!(around(&even, [4, 4], 2).recall(&[lit; 2], &expected).is_some());
-        assert!(around(&even, [4, 4], 2).recall(&[lit; MOST_OWN], &expected).is_none());
+        let mut own = Vec::new();
+        (0..2 * MOST_OWN).for_each(|_| lit.add_to(&mut own));
+        assert_eq!(own.len(), MOST_OWN);
+        assert!(around(&even, [4, 4], 2).recall(&own, &expected).is_none());
     }
 
     #[test]

@@ -18,7 +18,7 @@ use crate::irradiance_cache::{Records, Request};
 use crate::layers::Kept;
 use crate::needs::{DARK, Need};
 use crate::pixel::{Query, Sample, Scratch};
-use crate::render::around;
+use crate::render::{around, window};
 
 /// Deviation of what shadow rays find, relative to the displayed luminance, that may show as grain beside what is smooth …
 const GRAIN: f32 = 0.01;
@@ -78,7 +78,7 @@ impl Penumbrae {
     ) -> Result<(), Cancelled> {
         let (DirectLight::Auto(rays) | DirectLight::Pixels(rays)) = direct else { return Ok(()) };
         let rays = Samples::exact(rays.penumbra);
-        let query = match direct {
+        let query = |rays: Samples| match direct {
             // What pixels beside each other find is interpolated where it is smooth, as that of first rays is.
             DirectLight::Auto(_) => Query::Defer(rays),
             DirectLight::Pixels(_) | DirectLight::Vertices => Query::Evaluate(rays),
@@ -108,12 +108,12 @@ impl Penumbrae {
             interpolation::light(lights, (pixels, width), asking, false, progress, note)
         };
         // So many at a time: what they ask for takes a few hundred bytes each.
-        first.chunks(BATCH).try_for_each(|some| look(pixels, some, query))?;
+        first.chunks(BATCH).try_for_each(|some| look(pixels, some, query(rays)))?;
         first.iter().for_each(|&i| self.looked[i] = true);
 
         let more: Vec<usize> =
             self.grainy(pixels, (width, exposure), first).into_iter().map(|g| g.0).collect();
-        more.chunks(BATCH).try_for_each(|some| look(pixels, some, query.by(rays.times(GRAINY))))?;
+        more.chunks(BATCH).try_for_each(|some| look(pixels, some, query(rays.times(GRAINY))))?;
         if !matches!(direct, DirectLight::Auto(_)) {
             return Ok(());
         }
@@ -152,7 +152,7 @@ impl Penumbrae {
         let height = pixels.len() / width.max(1);
         let deviation = |&index: &usize| {
             let (mut sum, mut count) = (0.0_f32, 0.0_f32);
-            for near in window(index, width, height).filter(|&near| self.looked[near]) {
+            for near in window(index, (width, height), POOLED).filter(|&near| self.looked[near]) {
                 sum += pixels[near].grain;
                 count += 1.0;
             }
@@ -164,14 +164,6 @@ impl Penumbrae {
     }
 }
 
-/// The pixels of a picture up to [`POOLED`] columns and rows from one, and that one.
-fn window(index: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
-    let (x, y) = (index % width, index / width);
-    let columns = x.saturating_sub(POOLED)..(x + POOLED + 1).min(width);
-    let rows = y.saturating_sub(POOLED)..(y + POOLED + 1).min(height);
-    rows.flat_map(move |v| columns.clone().map(move |u| v * width + u))
-}
-
 /// How far around a pixel noise explains what the mesh differs by, which has `stored` at some `places`, ascending. At the edge of a sharp
 /// shadow it does not: there the mesh is wrong.
 fn explained<L: Kept>(
@@ -181,7 +173,7 @@ fn explained<L: Kept>(
     index: usize,
 ) -> f32 {
     let (mut squares, mut variances) = (0.0_f32, 0.0_f32);
-    for near in window(index, width, pixels.len() / width.max(1)) {
+    for near in window(index, (width, pixels.len() / width.max(1)), POOLED) {
         if let Ok(place) = places.binary_search(&near) {
             let [own, other] = [&pixels[near], &stored[place]].map(|p| p.light.beauty().dot(LUMINANCE));
             squares += (own - other).powi(2);

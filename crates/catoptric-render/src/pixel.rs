@@ -15,7 +15,7 @@ use catoptric_trace::{Event, Hit, MediumStack, Ray};
 
 use crate::bundles::{Leg, Legs};
 use crate::direct::{Shadows, Wanted, in_proportion};
-use crate::irradiance_cache::{Around, MOST_OWN, Place, Record, Request};
+use crate::irradiance_cache::{Around, Place, Record, Request};
 use crate::layers::{Kept, LightLayer};
 use crate::lines::{self, Footprint};
 use crate::needs::DARK;
@@ -403,10 +403,7 @@ impl Eye<'_> {
                     }
                     Query::Recall(_, around) => around.recall(&answers.own, &request).unwrap_or_else(|| {
                         let found = request.evaluate(self.lights, &mut answers.light);
-                        let at_place = answers.own.iter().filter(|own| own.is_at(&request.place));
-                        if at_place.count() < MOST_OWN {
-                            answers.own.push(Record::of(&request, &found));
-                        }
+                        Record::of(&request, &found).add_to(&mut answers.own);
                         found
                     }),
                     Query::Stored | Query::Evaluate(_) => request.evaluate(self.lights, &mut answers.light),
@@ -431,16 +428,6 @@ pub(crate) enum Query<'a> {
 }
 
 impl Query<'_> {
-    /// The same by other shadow rays.
-    pub(crate) fn by(self, rays: Samples) -> Self {
-        match self {
-            Self::Stored => self,
-            Self::Evaluate(_) => Self::Evaluate(rays),
-            Self::Defer(_) => Self::Defer(rays),
-            Self::Recall(_, around) => Self::Recall(rays, around),
-        }
-    }
-
     fn samples(&self) -> Option<Samples> {
         match *self {
             Self::Stored => None,

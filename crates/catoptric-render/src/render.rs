@@ -464,12 +464,20 @@ const UNCERTAIN: f32 = 0.2;
 /// Samples of such a pixel at most, for each that others may have.
 const SPARK_MORE: u32 = 16;
 
+/// The pixels of a picture up to so many columns and rows from one, and that one, by index.
+pub(crate) fn window(
+    index: usize,
+    (width, height): (usize, usize),
+    radius: usize,
+) -> impl Iterator<Item = usize> {
+    let range = |at: usize, count: usize| at.saturating_sub(radius)..(at + radius + 1).min(count);
+    let (columns, rows) = (range(index % width, width), range(index / width, height));
+    rows.flat_map(move |row| columns.clone().map(move |column| row * width + column))
+}
+
 /// The neighbours of a pixel, by index.
 pub(crate) fn around(index: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
-    let (x, y) = (index % width, index / width);
-    let rows = y.saturating_sub(1)..(y + 2).min(height);
-    rows.flat_map(move |v| (x.saturating_sub(1)..(x + 2).min(width)).map(move |u| v * width + u))
-        .filter(move |&other| other != index)
+    window(index, (width, height), 1).filter(move |&other| other != index)
 }
 
 /// Puts the layers into an image.

@@ -113,15 +113,14 @@ pub(crate) fn is_beside_noise<L: Kept>(
     around(index, width, pixels.len() / width.max(1)).any(|i| pixels[i].deviation(exposure) > limit)
 }
 
-/// Shadow rays of a sample: the first one of a pixel (`again` = 0), or one of so many that are taken again.
-pub(crate) fn shadow_rays(params: &RenderParams, again: u32) -> Option<Samples> {
+/// Shadow rays of each of so many samples that a pixel is made of.
+pub(crate) fn shadow_rays(params: &RenderParams, count: u32) -> Option<Samples> {
     match params.direct {
         DirectLight::Vertices => None,
-        DirectLight::Auto(rays) | DirectLight::Pixels(rays) => Some(match again {
-            0 => Samples::exact(rays.first),
-            1 => Samples::exact(rays.penumbra),
+        DirectLight::Auto(rays) | DirectLight::Pixels(rays) => Some(match count {
+            ..2 => Samples::exact(rays.penumbra),
             // Those of several samples do not share their strata: their mean hides noise, but less than one of cut-out shadows has.
-            _ => Samples::exact((2 * rays.penumbra / again).max(1)),
+            _ => Samples::exact((2 * rays.penumbra / count).max(1)),
         }),
     }
 }

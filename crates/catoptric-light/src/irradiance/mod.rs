@@ -112,7 +112,7 @@ pub struct SourceIrradiance {
     /// Each source was wholly visible, or wholly blocked, or equally thinned, as far as the samples tell: more of them
     /// would hardly tell more.
     pub even: bool,
-    /// Shadow rays told how much of some source is seen. Else that is known exactly.
+    /// Samples told how much of some source is seen, or what of its texture. Else that is known exactly.
     pub sampled: bool,
     /// Of some source no more than the [`LOOK`] samples were taken that a calm place begins with: they agreed.
     pub looked: bool,
