@@ -143,9 +143,53 @@ fn a_shadow_finer_than_the_mesh_is_evaluated_close_up_and_read_from_afar() {
     // everywhere.
     assert!(stored > 1e-3, "the shadow is no challenge: {stored}");
     assert!(auto < 1.6e-4, "{auto} of {stored}");
-    // A pixel as wide as an element.
-    let far = view(4.0, DirectLight::Vertices);
-    assert_eq!(far, view(4.0, DirectLight::Auto(rays)));
+    // A pixel as wide as an element. The shadow is no longer than 16 of them, and a sixth of one wide: a probe may find it, where the mesh has
+    // less of it, and those around are looked at.
+    let [stored, auto, exact] = [DirectLight::Vertices, DirectLight::Auto(rays), DirectLight::Pixels(rays)]
+        .map(|direct| view(4.0, direct));
+    let differ: Vec<usize> =
+        (0..SIZE * SIZE).filter(|&i| (stored[i] - auto[i]).abs() > 1e-3 * stored[i]).collect();
+    assert!(differ.len() <= 3 * 16, "{} pixels", differ.len());
+    let at_them = |image: &[f64]| differ.iter().map(|&i| image[i]).collect::<Vec<f64>>();
+    let [stored, auto, exact] = [&stored, &auto, &exact].map(|image| at_them(image));
+    assert!(
+        differ.is_empty() || error(&auto, &exact) < 0.1 * error(&stored, &exact),
+        "{stored:?} {auto:?} {exact:?}"
+    );
+}
+
+/// Wires across a room under a small lamp, above a floor whose elements are many times as wide as their shadows.
+fn wires() -> Scene {
+    let (mut parts, white, lamp) = room(2000.0);
+    for wire in 0..4_u8 {
+        let from = Vec3::new(-1.5, 0.2, 0.31 * f32::from(wire) - 0.58);
+        let along = Vec3::new(3.0, 0.0, 0.1 * f32::from(wire));
+        parts.add_quad("wire", white, from, along, Vec3::Z * 0.003);
+    }
+    parts.add_quad("lamp", lamp, Vec3::new(-0.01, 2.3, -0.01), Vec3::X * 0.02, Vec3::Z * 0.02);
+    Scene::new(parts).expect("a valid scene")
+}
+
+#[test]
+fn shadows_that_passed_between_the_vertices_are_found_by_probes_and_followed() {
+    let scene = wires();
+    let quality = Quality::Standard;
+    let tracer = Tracer::new(&scene);
+    let solved = solve(&tracer, &SolveParams::for_quality(quality), &Silent).expect("not cancelled");
+    let rays = ShadowRays::for_quality(quality);
+    // A shadow is about half a pixel wide, and 64 long: it lies on several probes.
+    for width in [0.4, 0.5] {
+        let [stored, auto, exact] =
+            [DirectLight::Vertices, DirectLight::Auto(rays), DirectLight::Pixels(rays)]
+                .map(|direct| floor(&scene, &solved.solution, width, direct));
+        let error = |ours: &[f64]| {
+            ours.iter().zip(&exact).map(|(a, b)| (a - b).powi(2) / (b * b)).sum::<f64>() / exact.len() as f64
+        };
+        let [stored, auto] = [&stored, &auto].map(|ours| error(ours));
+        // What differs by 1 % hardly shows, and is left to the mesh.
+        assert!(stored > 1e-3, "the shadows are no challenge: {stored}");
+        assert!(auto < 1e-4, "{width} m: {auto} of {stored}");
+    }
 }
 
 /// Bulbs one behind the other, past the edge of a board of many pieces, none of which is a wall: more blocks each of them than can be cut out. They are

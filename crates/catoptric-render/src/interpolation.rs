@@ -53,7 +53,7 @@ pub(crate) fn light<L: Kept>(
 }
 
 /// Adds what was found to a pixel without it.
-fn add<L: Kept>(pixel: &mut Sample<L>, requests: &[Request], found: &[SourceLight]) {
+pub(crate) fn add<L: Kept>(pixel: &mut Sample<L>, requests: &[Request], found: &[SourceLight]) {
     let mut shadows = Shadows::default();
     for (request, found) in requests.iter().zip(found) {
         shadows.add(&mut pixel.light, (request.send, request.through), request.wanted, found);

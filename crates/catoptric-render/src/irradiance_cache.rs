@@ -129,6 +129,25 @@ impl Records {
         }
     }
 
+    /// Those of some pixels, ascending, are now these.
+    pub(crate) fn insert(&mut self, fresh: &[(usize, Vec<Record>)]) {
+        let old = std::mem::take(self);
+        let pixels = fresh.last().map_or(0, |last| last.0 + 1).max(old.ends.len());
+        let mut fresh = fresh.iter().peekable();
+        for pixel in 0..pixels {
+            let own = fresh.next_if(|next| next.0 == pixel).map_or(old.of(pixel), |next| &next.1);
+            if self.records.len() + own.len() <= MOST_RECORDS {
+                self.records.extend(own);
+            }
+            self.ends.push(self.records.len() as u32);
+        }
+    }
+
+    /// Whether anything is known of a pixel.
+    pub(crate) fn knows(&self, pixel: usize) -> bool {
+        !self.range(pixel).is_empty()
+    }
+
     fn of(&self, pixel: usize) -> &[Record] {
         &self.records[self.range(pixel)]
     }
@@ -359,5 +378,25 @@ mod tests {
         }
         let recalled = around(&records, [4, 4], 0).recall(&[], &request([4.5, 4.5], 4.0));
         assert!(recalled.is_some_and(|light| (light.direct.irradiance.x - 1.5).abs() < 1e-5));
+    }
+
+    #[test]
+    fn records_are_put_in_their_places() {
+        let record = |light: f32| Record::of(&request([0.5, 0.5], 4.0), &found(light));
+        let mut records = Records::default();
+        for pixel in [1, 2, 4] {
+            records.push(pixel, &[request([0.5, 0.5], 4.0)], &[found(pixel as f32)]);
+        }
+        records.insert(&[
+            (0, vec![record(10.0), record(11.0)]),
+            (2, vec![record(12.0)]),
+            (6, vec![record(16.0)]),
+        ]);
+        let lights = |pixel| records.of(pixel).iter().map(|r| r.irradiance[0].x).collect::<Vec<_>>();
+        let expected: [&[f32]; 8] = [&[10.0, 11.0], &[1.0], &[12.0], &[], &[4.0], &[], &[16.0], &[]];
+        for (pixel, expected) in expected.into_iter().enumerate() {
+            assert_eq!(lights(pixel), expected, "pixel {pixel}");
+            assert_eq!(records.knows(pixel), !expected.is_empty());
+        }
     }
 }

@@ -12,6 +12,7 @@ mod needs;
 mod outlines;
 mod penumbrae;
 pub mod pixel;
+mod probes;
 pub mod render;
 mod resolution;
 mod supersampling;

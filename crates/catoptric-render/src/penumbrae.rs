@@ -120,7 +120,7 @@ impl Penumbrae {
         let grainy = self.grainy(pixels, (width, exposure), &more);
         let places: Vec<usize> = grainy.iter().map(|g| g.0).collect();
         // What the mesh has.
-        let mut stored: Vec<Sample<L>> = places
+        let stored: Vec<Sample<L>> = places
             .par_iter()
             .with_max_len(1)
             .map_init(Scratch::default, |scratch, &index| {
@@ -131,13 +131,8 @@ impl Penumbrae {
             let x = ((deviation - GRAIN) / (HOPELESS - GRAIN)).min(1.0);
             self.read[index] = x * x * (3.0 - 2.0 * x) * explained(pixels, (&places, &stored), width, index);
         }
-        for (index, stored) in places.into_iter().zip(&mut stored) {
-            let (pixel, share) = (&mut pixels[index], self.read[index]);
-            pixel.light.scale(1.0 - share);
-            stored.light.scale(share);
-            pixel.light.accumulate(&stored.light);
-            pixel.open = pixel.open.lerp(stored.open, share);
-            pixel.grain *= (1.0 - share).powi(2);
+        for (index, stored) in places.into_iter().zip(stored) {
+            pixels[index].fade(stored, self.read[index]);
         }
         Ok(())
     }

@@ -99,6 +99,17 @@ impl<L: Kept> Sample<L> {
         rim: 0,
     };
 
+    /// Goes over to another sample of the same place, by a share: its light and what shadow rays tell.
+    pub(crate) fn fade(&mut self, other: Self, share: f32) {
+        let Self { mut light, open, penumbra, grain, .. } = other;
+        self.light.scale(1.0 - share);
+        light.scale(share);
+        self.light.accumulate(&light);
+        self.open = self.open.lerp(open, share);
+        self.penumbra |= penumbra;
+        self.grain = self.grain * (1.0 - share).powi(2) + grain * share.powi(2);
+    }
+
     /// Standard deviation of the samples that a pixel is made of, relative to its displayed luminance where `exposure` is
     /// the mean luminance of the picture.
     pub(crate) fn deviation(&self, exposure: f32) -> f32 {
@@ -184,6 +195,8 @@ pub struct Eye<'a> {
     pub solution: &'a Solution,
     /// Where the light of sources is to be evaluated, if that is not everywhere.
     pub(crate) resolution: Option<&'a Resolution>,
+    /// It is to be evaluated wherever the eye sees shadows, whatever that says.
+    pub(crate) everywhere: bool,
     /// Limits.
     pub params: SplitParams,
 }
@@ -330,7 +343,7 @@ impl Eye<'_> {
                 if let Some(resolution) = self.resolution.filter(|_| is_asked) {
                     let stored =
                         [Term::Direct, Term::Mirrored].map(|term| self.solution.irradiance(term, &at).0);
-                    wanted = resolution.wanted(&at, stored, seen);
+                    wanted = resolution.wanted(&at, stored, seen, self.everywhere);
                 }
                 for (term, layer) in [
                     (Term::Direct, LightLayer::Direct),

@@ -38,6 +38,7 @@ use crate::needs::{Compared, DARK, Need, SAME, mean_luminance};
 use crate::outlines::Outlines;
 use crate::penumbrae::Penumbrae;
 use crate::pixel::{Eye, FirstHit, Query, Sample, Scratch};
+use crate::probes;
 use crate::resolution::Resolution;
 use crate::supersampling::{again, is_beside_noise, resample, shadow_rays, shoot};
 
@@ -167,7 +168,13 @@ fn render_keeping<L: Kept>(
             })
         },
     );
-    let eye = Eye { lights: &lights, solution, resolution: resolution.as_ref(), params: params.walk };
+    let eye = Eye {
+        lights: &lights,
+        solution,
+        resolution: resolution.as_ref(),
+        everywhere: false,
+        params: params.walk,
+    };
     let mut counts = vec![params.edge_samples.clamp(1, params.most_samples.max(1))];
     while let Some(&count) = counts.last().filter(|&&count| count < params.most_samples) {
         counts.push(count.saturating_mul(MORE).min(params.most_samples));
@@ -233,6 +240,18 @@ fn render_keeping<L: Kept>(
         legs.drain(..legs.len().saturating_sub(width + 1));
     }
 
+    let mut is_stray = probes::strays(
+        (&mut pixels, &mut records, width),
+        (&lights, params.direct),
+        progress,
+        |index, query, scratch| {
+            let key = Key::new(params.seed, Purpose::Pixel, index as u64);
+            let at = (index % width, index / width);
+            let eye = Eye { everywhere: true, ..eye };
+            shoot(&eye, film, params, at, (0.5, 0.5), query, (key, 0), scratch)
+        },
+    )?;
+
     // Pixels beside an edge are made of new samples.
     let strong = counts[0].saturating_mul(STRONG).min(counts[counts.len() - 1]);
     let exposure = mean_luminance(&pixels);
@@ -249,6 +268,7 @@ fn render_keeping<L: Kept>(
         }
         let of = (width, exposure);
         let shoot = |at: (usize, usize), query: Query, scratch: &mut Scratch| {
+            let eye = Eye { everywhere: is_stray[at.1 * width + at.0], ..eye };
             shoot(&eye, film, params, at, (0.5, 0.5), query, (again(params, at), 0), scratch)
         };
         penumbrae.look(
@@ -295,7 +315,11 @@ fn render_keeping<L: Kept>(
             outlines.guess(pixel, outline.as_deref().unwrap_or_default(), width);
         }
     }
-    let resample = |at: (usize, usize), fresh: Range<u32>, pixel: &mut Sample<L>, scratch: &mut Scratch| {
+    let resample = |at: (usize, usize),
+                    everywhere: bool,
+                    fresh: Range<u32>,
+                    pixel: &mut Sample<L>,
+                    scratch: &mut Scratch| {
         let index = at.1 * width + at.0;
         let query = match shadow_rays(params, fresh.end).filter(|_| penumbrae.read[index] < 0.5) {
             None => Query::Stored,
@@ -306,12 +330,13 @@ fn render_keeping<L: Kept>(
             }
             Some(rays) => Query::Evaluate(rays),
         };
+        let eye = Eye { everywhere, ..eye };
         resample(&eye, film, params, (outlines.cuts(index), exposure), query, at, fresh, pixel, scratch);
     };
     for_pixels(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
         Need::Nothing | Need::Shadows => {}
-        Need::FewSamples => resample(at, 0..counts[0], pixel, scratch),
-        Need::Samples => resample(at, 0..strong, pixel, scratch),
+        Need::FewSamples => resample(at, is_stray[at.1 * width + at.0], 0..counts[0], pixel, scratch),
+        Need::Samples => resample(at, is_stray[at.1 * width + at.0], 0..strong, pixel, scratch),
     })?;
     // What is thinner than a pixel passes between the centres of some.
     let limit = THIN * params.noise * strong as f32;
@@ -325,8 +350,12 @@ fn render_keeping<L: Kept>(
         let mut missed: Vec<usize> = noisy.chain(thin).filter(|&i| pixels[i].samples == 0).collect();
         missed.sort_unstable();
         missed.dedup();
+        // Shadows that the mesh does not know go on between the centres, too.
+        let beside = |&i: &usize| around(i, width, height).any(|near| is_stray[near]);
+        let strays: Vec<usize> = missed.iter().copied().filter(beside).collect();
+        strays.into_iter().for_each(|i| is_stray[i] = true);
         for_some(&mut pixels, width, &missed, progress, |at, pixel, scratch| {
-            resample(at, 0..strong, pixel, scratch);
+            resample(at, is_stray[at.1 * width + at.0], 0..strong, pixel, scratch);
         })?;
         ends = missed;
     }
@@ -340,7 +369,13 @@ fn render_keeping<L: Kept>(
         open = open.into_par_iter().with_min_len(FEW).filter(is_open).collect();
         for_some(&mut pixels, width, &open, progress, |at, pixel, scratch| {
             let known = pixel.samples;
-            resample(at, known..known.saturating_mul(MORE).min(most), pixel, scratch);
+            resample(
+                at,
+                is_stray[at.1 * width + at.0],
+                known..known.saturating_mul(MORE).min(most),
+                pixel,
+                scratch,
+            );
         })?;
         let near = |&i: &usize| around(i, width, height).chain([i]).collect::<Vec<_>>();
         open = open.iter().flat_map(near).filter(|&i| pixels[i].samples > 0).collect();
@@ -358,7 +393,13 @@ fn render_keeping<L: Kept>(
         }
         for_some(&mut pixels, width, &sparks, progress, |at, pixel, scratch| {
             let known = pixel.samples;
-            resample(at, known..known.saturating_mul(MORE).min(most), pixel, scratch);
+            resample(
+                at,
+                is_stray[at.1 * width + at.0],
+                known..known.saturating_mul(MORE).min(most),
+                pixel,
+                scratch,
+            );
         })?;
     }
     let edge_samples: u64 = pixels.iter().map(|p| u64::from(p.samples)).sum();

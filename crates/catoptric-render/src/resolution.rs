@@ -68,17 +68,26 @@ impl Resolution {
         self.pixel.width + self.pixel.spread * seen.distance
     }
 
-    /// What is to be evaluated at a place, where the mesh holds so much direct and mirrored light.
+    /// What is to be evaluated at a place, where the mesh holds so much direct and mirrored light: all, or what it is too coarse for.
     #[inline]
-    pub(crate) fn wanted(&self, at: &Located, [known, mirrored]: [Rgb; 2], seen: &Seen) -> Wanted {
+    pub(crate) fn wanted(
+        &self,
+        at: &Located,
+        [known, mirrored]: [Rgb; 2],
+        seen: &Seen,
+        everywhere: bool,
+    ) -> Wanted {
         let corners = at.vertices.map(|v| self.blurred[v as usize]);
-        if corners == [[0.0; 2]; 3] || seen.throughput.max_element() < FAINT {
+        if !everywhere && corners == [[0.0; 2]; 3] || seen.throughput.max_element() < FAINT {
             return Wanted::NOTHING;
         }
         // What glows shows no shadows.
         let most = (known + mirrored).dot(LUMINANCE) * (seen.interaction.receives / PI);
         if most < LEAST_BEND * seen.interaction.emission.0.dot(LUMINANCE) {
             return Wanted::NOTHING;
+        }
+        if everywhere {
+            return Wanted { known, ..Wanted::ALL };
         }
         let pixel = self.pixel_at(seen);
         let [direct, mirrored] = [0, 1].map(|term| {

@@ -81,7 +81,8 @@ pub(crate) fn resample<L: Kept>(
         let (offset, side, weight) = cut.map_or((point, 0, 1.0), |cut| cut.place(point));
         let mut sample: Sample<L> =
             shoot(eye, film, params, at, (offset.x, offset.y), query, (key, index), scratch);
-        if sample.trail != pixel.trail {
+        // What shadow rays see a part of may differ by chance.
+        if sample.trail != pixel.trail || !(sample.penumbra || pixel.penumbra) {
             let difference = (shown(sample.light.beauty(), exposure) - pixel.centre).abs().max_element();
             if difference > params.contrast {
                 pixel.between.add(offset);

@@ -171,6 +171,11 @@ impl Samples {
         Self { count, calm: false, shadows: MAX_SHADOWS, least: LOOK, apart: APART }
     }
 
+    /// As few as tell whether something is in the way.
+    pub fn glance() -> Self {
+        Self { count: 1, calm: false, shadows: 0, least: 1, apart: 1 }
+    }
+
     /// So many times the rays, and the shadows that are cut out.
     #[must_use]
     pub fn times(self, times: u32) -> Self {

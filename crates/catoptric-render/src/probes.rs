@@ -1,0 +1,213 @@
+//! Probes: pixels at which the display mesh is held against the sources themselves.
+//!
+//! The mesh is made where pass one looked. What is thinner than its elements, such as the shadows of wires, may have passed between its
+//! vertices, and then it knows nothing of it: no error is seen in it. So the light of sources is evaluated at some pixels all over a picture.
+//! From those where it is not what the mesh has, the search goes on to their neighbours, as far as that is so.
+
+use rayon::prelude::*;
+
+use catoptric_light::Lights;
+use catoptric_light::irradiance::Samples;
+use catoptric_scene::quantity::LUMINANCE;
+use catoptric_scene::{Cancelled, Progress};
+
+use crate::direct::{DirectLight, Part, SourceLight};
+use crate::interpolation;
+use crate::irradiance_cache::{Record, Records, Request};
+use crate::layers::Kept;
+use crate::needs::{DARK, mean_luminance};
+use crate::pixel::{Query, Sample, Scratch};
+use crate::render::window;
+
+/// One pixel of so many is a probe, in every row, every column and every diagonal, …
+const APART: usize = 17;
+/// … each so many columns farther left than those in the row above: no two are nearer than √17 pixels.
+const STEP: usize = 4;
+/// Pixels around a stray one, in columns and rows, to which the search goes on: shadows that are thinner than a pixel are met by some of them.
+const REACH: usize = 2;
+/// Displayed luminance that differs by the first share hardly shows, by the second it does: what is displayed goes over from the one to
+/// the other, so that no border is seen.
+const SHOWN: (f32, f32) = (0.01, 0.03);
+/// Share of what is found from which the search goes on.
+const GOES_ON: f32 = 0.5;
+/// What differs by chance does not count: in deviations of what shadow rays find.
+const CHANCE: f32 = 2.5;
+/// Deviation of what few stratified rays find of a source, relative to all of it. Where they agree, too: what blocks an eighth of it is missed
+/// by 8 of them, and one difference of halves is no measure of a single pixel.
+const FEW_OFF: f32 = 0.1;
+/// Pixels in one parallel job.
+const JOB: usize = 16;
+/// Pixels that are looked at in one go.
+const BATCH: usize = 1 << 16;
+
+/// What was found at a pixel.
+struct Found<L> {
+    pixel: usize,
+    sample: Sample<L>,
+    /// Share of it that is to be shown.
+    share: f32,
+    records: Vec<Record>,
+}
+
+/// Evaluates the light of sources where it is not what the mesh has, and tells the pixels where it is to be evaluated from now on: those,
+/// and the ones beside them. `shoot` gives what is seen through the centre of a pixel, with all light of sources as it is asked for.
+pub(crate) fn strays<L: Kept>(
+    (pixels, records, width): (&mut [Sample<L>], &mut Records, usize),
+    (lights, direct): (&Lights, DirectLight),
+    progress: &dyn Progress,
+    shoot: impl Fn(usize, Query, &mut Scratch) -> Sample<L> + Sync,
+) -> Result<Vec<bool>, Cancelled> {
+    let mut is_stray = vec![false; pixels.len()];
+    let DirectLight::Auto(rays) = direct else { return Ok(is_stray) };
+    if !lights.has_sources() {
+        return Ok(is_stray);
+    }
+    let query = Query::Defer(Samples::exact(rays.first));
+    let size = (width, pixels.len() / width.max(1));
+    let exposure = mean_luminance(pixels);
+    let mut was_seen = vec![false; pixels.len()];
+    let mut fresh: Vec<(usize, Vec<Record>)> = Vec::new();
+    let mut next: Vec<usize> = probes(size).filter(|&probe| !records.knows(probe)).collect();
+    let mut is_glance = true;
+    while !next.is_empty() {
+        next.iter().for_each(|&pixel| was_seen[pixel] = true);
+        let mut strays = Vec::new();
+        for some in next.chunks(BATCH) {
+            let look = |scratch: &mut Scratch, &pixel: &usize| {
+                if progress.is_cancelled() {
+                    return None;
+                }
+                let sample = shoot(pixel, query, scratch);
+                let stored = &pixels[pixel];
+                let requests = std::mem::take(&mut scratch.sources.requests);
+                let mut evaluate = |samples: Option<Samples>| {
+                    let evaluate = |request: &Request| {
+                        let samples = samples.unwrap_or(request.samples);
+                        Request { samples, ..*request }.evaluate(lights, &mut scratch.sources.light)
+                    };
+                    requests.iter().map(evaluate).collect::<Vec<SourceLight>>()
+                };
+                let with = |found: &[SourceLight]| {
+                    let mut sample = sample;
+                    interpolation::add(&mut sample, &requests, found);
+                    sample
+                };
+                let mut may_stray = || {
+                    let found = evaluate(Some(Samples::glance()));
+                    let doubt = doubt(&requests, &found, |part| part.penumbra);
+                    share(stored, &Sample { grain: 0.0, ..with(&found) }, exposure, doubt) > 0.0
+                };
+                let found = (!requests.is_empty() && (!is_glance || may_stray())).then(|| {
+                    let found = evaluate(None);
+                    let sample = with(&found);
+                    let doubt = doubt(&requests, &found, |part| part.sampled);
+                    let share = share(stored, &sample, exposure, doubt);
+                    let records = requests.iter().zip(&found).map(|(r, f)| Record::of(r, f)).collect();
+                    Found { pixel, sample, share, records }
+                });
+                scratch.sources.requests = requests;
+                Some(found)
+            };
+            let found: Option<Vec<Option<Found<L>>>> =
+                some.par_iter().with_max_len(JOB).map_init(Scratch::default, look).collect();
+            for Found { pixel, sample, share, records } in found.ok_or(Cancelled)?.into_iter().flatten() {
+                if share > 0.0 {
+                    pixels[pixel].fade(sample, share);
+                }
+                if share >= GOES_ON {
+                    strays.push(pixel);
+                }
+                // Those around a stray pixel tell where its shadow ends.
+                fresh.push((pixel, records));
+            }
+        }
+        for &stray in &strays {
+            window(stray, size, 1).for_each(|near| is_stray[near] = true);
+        }
+        next =
+            strays.iter().flat_map(|&stray| window(stray, size, REACH)).filter(|&p| !was_seen[p]).collect();
+        next.sort_unstable();
+        next.dedup();
+        is_glance = false;
+    }
+    fresh.sort_unstable_by_key(|fresh| fresh.0);
+    records.insert(&fresh);
+    Ok(is_stray)
+}
+
+/// The probes in a picture of so many columns and rows, ascending.
+fn probes((width, height): (usize, usize)) -> impl Iterator<Item = usize> {
+    let first = |y: usize| (APART - STEP * y % APART) % APART;
+    (0..height).flat_map(move |y| (first(y)..width).step_by(APART).map(move |x| y * width + x))
+}
+
+/// Luminance that few rays may be off by, where what they found of a source is `uncertain`.
+fn doubt(requests: &[Request], found: &[SourceLight], uncertain: impl Fn(&Part) -> bool) -> f32 {
+    let of = |(request, found): (&Request, &SourceLight)| {
+        let parts = [(found.direct, request.wanted.direct), (found.mirrored, request.wanted.mirrored)];
+        let doubtful = parts.iter().filter(|(part, _)| uncertain(part));
+        doubtful.map(|(part, share)| share * (request.send * part.unoccluded).dot(LUMINANCE)).sum::<f32>()
+    };
+    FEW_OFF * requests.iter().zip(found).map(of).sum::<f32>()
+}
+
+/// Share of what the sources send at a pixel that is to be shown instead of what the mesh has: none where they hardly differ, or may do so
+/// by chance.
+fn share<L: Kept>(stored: &Sample<L>, found: &Sample<L>, exposure: f32, doubt: f32) -> f32 {
+    let [stored, own] = [stored, found].map(|sample| sample.light.beauty().dot(LUMINANCE));
+    let chance = CHANCE * found.grain.sqrt().max(doubt);
+    let relative = ((own - stored).abs() - chance) / (stored.max(own) + DARK * exposure);
+    let way = ((relative - SHOWN.0) / (SHOWN.1 - SHOWN.0)).clamp(0.0, 1.0);
+    way * way * (3.0 - 2.0 * way)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catoptric_scene::Rgb;
+
+    use crate::layers::{Beauty, LightLayer};
+
+    #[test]
+    fn a_line_of_seventeen_pixels_is_met_whichever_way_it_lies() {
+        for (width, height) in [(64, 64), (37, 50)] {
+            let mut is_probe = vec![false; width * height];
+            probes((width, height)).for_each(|probe| is_probe[probe] = true);
+            let count = is_probe.iter().filter(|is| **is).count();
+            let share = count as f32 / is_probe.len() as f32;
+            assert!((share * 17.0 - 1.0).abs() < 0.05, "{share}");
+            let sorted: Vec<usize> = probes((width, height)).collect();
+            assert!(sorted.is_sorted_by(|a, b| a < b));
+            for (x, y) in (17..width - 17).flat_map(|x| (0..height - 17).map(move |y| (x, y))) {
+                for step in [(1, 0), (0, 1), (1, 1), (-1, 1)] {
+                    let mut on_line = (0..17_i64).map(|k| {
+                        let [x, y] = [x as i64 + k * step.0, y as i64 + k * step.1].map(|at| at as usize);
+                        is_probe[y * width + x]
+                    });
+                    assert!(on_line.any(|is| is), "from ({x}, {y}) by {step:?}");
+                }
+            }
+        }
+        assert_eq!(probes((3, 2)).collect::<Vec<_>>(), [0]);
+    }
+
+    #[test]
+    fn what_is_shown_goes_over_where_it_differs_by_more_than_chance() {
+        let sample = |light: f32, grain: f32| {
+            let mut sample: Sample<Beauty> = Sample { grain, ..Sample::NOTHING };
+            sample.light.add(LightLayer::Direct, false, Rgb::splat(light));
+            sample
+        };
+        // A tenth of the exposure is added: differences of 0.011 and 0.033 are 1 % and 3 %.
+        let share = |found: f32, grain: f32, doubt: f32| {
+            share(&sample(1.0, 0.0), &sample(1.0 - found, grain), 1.0, doubt)
+        };
+        assert_eq!([0.0, 0.0109].map(|found| share(found, 0.0, 0.0)), [0.0; 2]);
+        assert!((share(0.022, 0.0, 0.0) - 0.5).abs() < 1e-3);
+        assert_eq!([0.0331, 1.0].map(|found| share(found, 0.0, 0.0)), [1.0; 2]);
+        // Deviations of 0.1, by halves or by the count of rays, explain a quarter, and no more.
+        for (grain, doubt) in [(0.01, 0.0), (0.0, 0.1)] {
+            assert_eq!([0.25, 0.3].map(|found| share(found, grain, doubt)), [0.0, 1.0]);
+        }
+    }
+}
