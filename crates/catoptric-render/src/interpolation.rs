@@ -294,7 +294,8 @@ impl Band<'_> {
         let is_smeared = |(request, found): (&&Request, &SourceLight)| {
             let luminance = (found.direct.irradiance + found.mirrored.irradiance).dot(LUMINANCE);
             let noise = (found.direct.variance() + found.mirrored.variance()).sqrt();
-            (luminance - request.stored).abs() > SMEARED * request.arriving + STRAYED * noise
+            (luminance - request.stored.iter().sum::<f32>()).abs()
+                > SMEARED * request.arriving + STRAYED * noise
         };
         if requests.iter().zip(&found).any(is_smeared) {
             return false;
@@ -396,13 +397,17 @@ mod tests {
                 send: Rgb::ONE,
                 through: false,
                 arriving: 0.0,
-                stored: 0.0,
+                stored: [0.0; 2],
                 direction: Vec3::NEG_Y,
                 pixel: 2.0 / width as f32,
             };
             let open = request.evaluate(lights, &mut scratch.sources.light).direct.unoccluded;
             let stored = share * open.dot(LUMINANCE);
-            Box::from([Request { arriving: stored + 0.5 * open.dot(LUMINANCE), stored, ..request }])
+            Box::from([Request {
+                arriving: stored + 0.5 * open.dot(LUMINANCE),
+                stored: [stored, 0.0],
+                ..request
+            }])
         };
         (0..width * height).map(&mut request).collect()
     }

@@ -29,6 +29,14 @@ pub(crate) struct Place {
     pub(crate) terms: [bool; 2],
 }
 
+impl Place {
+    /// Whether what is known at this place is all that is wanted at the other.
+    fn serves(&self, other: &Self) -> bool {
+        *self == Self { terms: self.terms, ..*other }
+            && self.terms.iter().zip(other.terms).all(|(known, wanted)| *known || !wanted)
+    }
+}
+
 /// Source light that is wanted at a hit.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Request {
@@ -43,8 +51,8 @@ pub(crate) struct Request {
     pub(crate) through: bool,
     /// Luminous irradiance by all light, as far as the mesh knows, …
     pub(crate) arriving: f32,
-    /// … and what is wanted of it.
-    pub(crate) stored: f32,
+    /// … and what is wanted of it, of the direct and of the mirrored term.
+    pub(crate) stored: [f32; 2],
     /// Direction of the eye path there.
     pub(crate) direction: Vec3,
     /// How far apart pixels are there, across it, metres.
@@ -190,7 +198,7 @@ const THIN: f32 = 1e-3;
 impl Around<'_> {
     /// What is wanted, by a plane through the records nearby, the pixel's `own` among them. `None` where these are few, or not in one.
     pub(crate) fn recall(&self, own: &[Record], request: &Request) -> Option<SourceLight> {
-        let count = own.iter().filter(|record| record.place == request.place).count();
+        let count = own.iter().filter(|record| record.place.serves(&request.place)).count();
         if !(self.own..MOST_OWN).contains(&count) {
             return None;
         }
@@ -216,7 +224,7 @@ impl Around<'_> {
                 let offset = record.position - request.receiver.position;
                 let at = Vec3::new(1.0, offset.dot(over), offset.dot(up));
                 let square = at.y * at.y + at.z * at.z;
-                let is_near = record.place == request.place && square <= 1.0;
+                let is_near = record.place.serves(&request.place) && square <= 1.0;
                 is_near.then_some((at, 1.0 / (square + FLAT), record))
             })
         };
@@ -236,7 +244,7 @@ impl Around<'_> {
         };
         let planes = [0, 1].map(plane);
         let are_near = near().all(|(at, _, record)| {
-            [0, 1].into_iter().all(|term| {
+            [0, 1].into_iter().filter(|&term| request.place.terms[term]).all(|term| {
                 let off = (planes[term] * at - record.irradiance[term]).abs().max_element();
                 off <= most * request.arriving + CHANCE * record.deviation[term]
             })
@@ -291,7 +299,7 @@ mod tests {
             send: Rgb::ONE,
             through: false,
             arriving,
-            stored: 0.0,
+            stored: [0.0; 2],
             direction: Vec3::NEG_Z,
             pixel: 0.1,
         }
@@ -364,7 +372,8 @@ mod tests {
         assert!(other(|request| request.place.facet = 2).is_none());
         assert!(other(|request| request.place.material = MaterialId(1)).is_none());
         assert!(other(|request| request.place.side = Side::Back).is_none());
-        assert!(other(|request| request.place.terms = [true, false]).is_none());
+        // What is wanted is known, and more.
+        assert!(other(|request| request.place.terms = [true, false]).is_some());
         assert!(other(|request| request.receiver.position.x += 1.0).is_none());
         assert!(other(|request| request.pixel = 0.03).is_none());
     }

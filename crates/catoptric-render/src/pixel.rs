@@ -195,8 +195,8 @@ pub struct Eye<'a> {
     pub solution: &'a Solution,
     /// Where the light of sources is to be evaluated, if that is not everywhere.
     pub(crate) resolution: Option<&'a Resolution>,
-    /// It is to be evaluated wherever the eye sees shadows, whatever that says.
-    pub(crate) everywhere: bool,
+    /// Whether that of the direct and of the mirrored term is to be evaluated wherever the eye sees shadows, whatever that says.
+    pub(crate) everywhere: [bool; 2],
     /// Limits.
     pub params: SplitParams,
 }
@@ -338,7 +338,7 @@ impl Eye<'_> {
             let is_asked = asked.query.samples().is_some();
             let mut wanted =
                 if is_asked && self.resolution.is_none() { Wanted::ALL } else { Wanted::NOTHING };
-            let (mut arriving, mut from_sources) = (0.0, 0.0);
+            let (mut arriving, mut from_sources) = (0.0, [0.0; 2]);
             if let Some(at) = self.solution.mesh.locate(seen.hit.triangle, side, seen.position) {
                 if let Some(resolution) = self.resolution.filter(|_| is_asked) {
                     let stored =
@@ -367,10 +367,12 @@ impl Eye<'_> {
                     for term in Term::ALL {
                         let stored = self.solution.irradiance(term, &at).0;
                         arriving += stored.dot(LUMINANCE);
-                        if wanted.of(term) > 0.0 {
-                            from_sources += (stored - self.solution.gathered(term, &at).0).dot(LUMINANCE);
-                        }
                     }
+                    from_sources = [Term::Direct, Term::Mirrored].map(|term| {
+                        let stored = || self.solution.irradiance(term, &at).0;
+                        let beside = || self.solution.gathered(term, &at).0;
+                        if wanted.of(term) > 0.0 { (stored() - beside()).dot(LUMINANCE) } else { 0.0 }
+                    });
                 }
             }
             if !wanted.is_nothing() || !tracer.scene().lights().is_empty() {

@@ -35,6 +35,10 @@ const CHANCE: f32 = 2.5;
 /// Deviation of what few stratified rays find of a source, relative to all of it. Where they agree, too: what blocks an eighth of it is missed
 /// by 8 of them, and one difference of halves is no measure of a single pixel.
 const FEW_OFF: f32 = 0.1;
+/// Chains of mirrors over which each probe asks for light; where more are, fewer do, …
+const FEW_CHAINS: usize = 8;
+/// … but one of so many.
+const MOST_SKIPPED: usize = 8;
 /// Pixels in one parallel job.
 const JOB: usize = 16;
 /// Pixels that are looked at in one go.
@@ -46,38 +50,43 @@ struct Found<L> {
     sample: Sample<L>,
     /// Share of it that is to be shown.
     share: f32,
+    /// Whether the direct and the mirrored light differ from what the mesh has of them.
+    terms: [bool; 2],
     records: Vec<Record>,
 }
 
-/// Evaluates the light of sources where it is not what the mesh has, and tells the pixels where it is to be evaluated from now on: those,
-/// and the ones beside them. `shoot` gives what is seen through the centre of a pixel, with all light of sources as it is asked for.
+/// Evaluates the light of sources where it is not what the mesh has, and tells of every pixel whether the direct and the mirrored light are to be evaluated
+/// there from now on: they are in those, and in the ones beside them. `shoot` gives what is seen through the centre of a pixel, with the direct and the mirrored light of
+/// sources, or one of them, as it is asked for.
 pub(crate) fn strays<L: Kept>(
     (pixels, records, width): (&mut [Sample<L>], &mut Records, usize),
     (lights, direct): (&Lights, DirectLight),
     progress: &dyn Progress,
-    shoot: impl Fn(usize, Query, &mut Scratch) -> Sample<L> + Sync,
-) -> Result<Vec<bool>, Cancelled> {
-    let mut is_stray = vec![false; pixels.len()];
-    let DirectLight::Auto(rays) = direct else { return Ok(is_stray) };
+    shoot: impl Fn(usize, [bool; 2], Query, &mut Scratch) -> Sample<L> + Sync,
+) -> Result<Vec<[bool; 2]>, Cancelled> {
+    let mut are_stray = vec![[false; 2]; pixels.len()];
+    let DirectLight::Auto(rays) = direct else { return Ok(are_stray) };
     if !lights.has_sources() {
-        return Ok(is_stray);
+        return Ok(are_stray);
     }
     let query = Query::Defer(Samples::exact(rays.first));
     let size = (width, pixels.len() / width.max(1));
     let exposure = mean_luminance(pixels);
-    let mut was_seen = vec![false; pixels.len()];
+    let skipped = (lights.chains().chains().len() / FEW_CHAINS).clamp(1, MOST_SKIPPED);
+    let asked = |(index, pixel): (usize, usize)| (pixel, [true, index % skipped == 0]);
+    let unknown = probes(size).filter(|&probe| !records.knows(probe));
+    let mut next: Vec<(usize, [bool; 2])> = unknown.enumerate().map(asked).collect();
+    let mut were_asked = vec![[false; 2]; pixels.len()];
     let mut fresh: Vec<(usize, Vec<Record>)> = Vec::new();
-    let mut next: Vec<usize> = probes(size).filter(|&probe| !records.knows(probe)).collect();
     let mut is_glance = true;
     while !next.is_empty() {
-        next.iter().for_each(|&pixel| was_seen[pixel] = true);
-        let mut strays = Vec::new();
+        let mut strays: Vec<(usize, [bool; 2])> = Vec::new();
         for some in next.chunks(BATCH) {
-            let look = |scratch: &mut Scratch, &pixel: &usize| {
+            let look = |scratch: &mut Scratch, &(pixel, terms): &(usize, [bool; 2])| {
                 if progress.is_cancelled() {
                     return None;
                 }
-                let sample = shoot(pixel, query, scratch);
+                let sample = shoot(pixel, terms, query, scratch);
                 let stored = &pixels[pixel];
                 let requests = std::mem::take(&mut scratch.sources.requests);
                 let mut evaluate = |samples: Option<Samples>| {
@@ -102,43 +111,80 @@ pub(crate) fn strays<L: Kept>(
                     let sample = with(&found);
                     let doubt = doubt(&requests, &found, |part| part.sampled);
                     let share = share(stored, &sample, exposure, doubt);
+                    let terms = which_differ(&requests, &found, displayed(&sample, exposure));
                     let records = requests.iter().zip(&found).map(|(r, f)| Record::of(r, f)).collect();
-                    Found { pixel, sample, share, records }
+                    Found { pixel, sample, share, terms, records }
                 });
                 scratch.sources.requests = requests;
                 Some(found)
             };
             let found: Option<Vec<Option<Found<L>>>> =
                 some.par_iter().with_max_len(JOB).map_init(Scratch::default, look).collect();
-            for Found { pixel, sample, share, records } in found.ok_or(Cancelled)?.into_iter().flatten() {
+            for Found { pixel, sample, share, terms, records } in
+                found.ok_or(Cancelled)?.into_iter().flatten()
+            {
                 if share > 0.0 {
                     pixels[pixel].fade(sample, share);
                 }
                 if share >= GOES_ON {
-                    strays.push(pixel);
+                    strays.push((pixel, terms));
                 }
                 // Those around a stray pixel tell where its shadow ends.
                 fresh.push((pixel, records));
             }
         }
-        for &stray in &strays {
-            window(stray, size, 1).for_each(|near| is_stray[near] = true);
+        for (pixel, terms) in next {
+            were_asked[pixel] = terms;
         }
-        next =
-            strays.iter().flat_map(|&stray| window(stray, size, REACH)).filter(|&p| !was_seen[p]).collect();
-        next.sort_unstable();
-        next.dedup();
+        let mut wanted = Vec::new();
+        for (stray, terms) in strays {
+            window(stray, size, 1).for_each(|near| are_stray[near] = either(are_stray[near], terms));
+            wanted.extend(window(stray, size, REACH).map(|near| (near, terms)));
+        }
+        // By pixel: what was asked there, and what is to be.
+        wanted.sort_unstable();
+        next = Vec::new();
+        for terms in wanted.chunk_by(|one, other| one.0 == other.0) {
+            let (pixel, asked) = (terms[0].0, were_asked[terms[0].0]);
+            let terms = terms.iter().fold(asked, |all, (_, terms)| either(all, *terms));
+            if terms != asked {
+                next.push((pixel, terms));
+            }
+        }
         is_glance = false;
     }
     fresh.sort_unstable_by_key(|fresh| fresh.0);
     records.insert(&fresh);
-    Ok(is_stray)
+    Ok(are_stray)
 }
 
 /// The probes in a picture of so many columns and rows, ascending.
 fn probes((width, height): (usize, usize)) -> impl Iterator<Item = usize> {
     let first = |y: usize| (APART - STEP * y % APART) % APART;
     (0..height).flat_map(move |y| (first(y)..width).step_by(APART).map(move |x| y * width + x))
+}
+
+/// What one or the other asks.
+fn either(one: [bool; 2], other: [bool; 2]) -> [bool; 2] {
+    [one[0] || other[0], one[1] || other[1]]
+}
+
+/// Luminance by which differences are seen: relative in the light, absolute in the dark.
+fn displayed<L: Kept>(sample: &Sample<L>, exposure: f32) -> f32 {
+    sample.light.beauty().dot(LUMINANCE) + DARK * exposure
+}
+
+/// Whether the direct and the mirrored light that were found differ from what the mesh has of them, by what shows beside so much luminance.
+fn which_differ(requests: &[Request], found: &[SourceLight], displayed: f32) -> [bool; 2] {
+    let mut differences = [0.0; 2];
+    for (request, found) in requests.iter().zip(found) {
+        let parts = [(found.direct, request.wanted.direct), (found.mirrored, request.wanted.mirrored)];
+        for (term, (part, share)) in parts.into_iter().enumerate() {
+            let difference = part.irradiance.dot(LUMINANCE) - request.stored[term];
+            differences[term] += share * request.send.dot(LUMINANCE) * difference;
+        }
+    }
+    differences.map(|difference: f32| difference.abs() > SHOWN.0 * displayed)
 }
 
 /// Luminance that few rays may be off by, where what they found of a source is `uncertain`.
@@ -154,9 +200,9 @@ fn doubt(requests: &[Request], found: &[SourceLight], uncertain: impl Fn(&Part) 
 /// Share of what the sources send at a pixel that is to be shown instead of what the mesh has: none where they hardly differ, or may do so
 /// by chance.
 fn share<L: Kept>(stored: &Sample<L>, found: &Sample<L>, exposure: f32, doubt: f32) -> f32 {
-    let [stored, own] = [stored, found].map(|sample| sample.light.beauty().dot(LUMINANCE));
+    let [stored, own] = [stored, found].map(|sample| displayed(sample, exposure));
     let chance = CHANCE * found.grain.sqrt().max(doubt);
-    let relative = ((own - stored).abs() - chance) / (stored.max(own) + DARK * exposure);
+    let relative = ((own - stored).abs() - chance) / stored.max(own);
     let way = ((relative - SHOWN.0) / (SHOWN.1 - SHOWN.0)).clamp(0.0, 1.0);
     way * way * (3.0 - 2.0 * way)
 }

@@ -172,7 +172,7 @@ fn render_keeping<L: Kept>(
         lights: &lights,
         solution,
         resolution: resolution.as_ref(),
-        everywhere: false,
+        everywhere: [false; 2],
         params: params.walk,
     };
     let mut counts = vec![params.edge_samples.clamp(1, params.most_samples.max(1))];
@@ -240,14 +240,14 @@ fn render_keeping<L: Kept>(
         legs.drain(..legs.len().saturating_sub(width + 1));
     }
 
-    let mut is_stray = probes::strays(
+    let mut are_stray = probes::strays(
         (&mut pixels, &mut records, width),
         (&lights, params.direct),
         progress,
-        |index, query, scratch| {
+        |index, terms, query, scratch| {
             let key = Key::new(params.seed, Purpose::Pixel, index as u64);
             let at = (index % width, index / width);
-            let eye = Eye { everywhere: true, ..eye };
+            let eye = Eye { everywhere: terms, ..eye };
             shoot(&eye, film, params, at, (0.5, 0.5), query, (key, 0), scratch)
         },
     )?;
@@ -268,7 +268,7 @@ fn render_keeping<L: Kept>(
         }
         let of = (width, exposure);
         let shoot = |at: (usize, usize), query: Query, scratch: &mut Scratch| {
-            let eye = Eye { everywhere: is_stray[at.1 * width + at.0], ..eye };
+            let eye = Eye { everywhere: are_stray[at.1 * width + at.0], ..eye };
             shoot(&eye, film, params, at, (0.5, 0.5), query, (again(params, at), 0), scratch)
         };
         penumbrae.look(
@@ -316,7 +316,7 @@ fn render_keeping<L: Kept>(
         }
     }
     let resample = |at: (usize, usize),
-                    everywhere: bool,
+                    everywhere: [bool; 2],
                     fresh: Range<u32>,
                     pixel: &mut Sample<L>,
                     scratch: &mut Scratch| {
@@ -335,8 +335,8 @@ fn render_keeping<L: Kept>(
     };
     for_pixels(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
         Need::Nothing | Need::Shadows => {}
-        Need::FewSamples => resample(at, is_stray[at.1 * width + at.0], 0..counts[0], pixel, scratch),
-        Need::Samples => resample(at, is_stray[at.1 * width + at.0], 0..strong, pixel, scratch),
+        Need::FewSamples => resample(at, are_stray[at.1 * width + at.0], 0..counts[0], pixel, scratch),
+        Need::Samples => resample(at, are_stray[at.1 * width + at.0], 0..strong, pixel, scratch),
     })?;
     // What is thinner than a pixel passes between the centres of some.
     let limit = THIN * params.noise * strong as f32;
@@ -351,11 +351,14 @@ fn render_keeping<L: Kept>(
         missed.sort_unstable();
         missed.dedup();
         // Shadows that the mesh does not know go on between the centres, too.
-        let beside = |&i: &usize| around(i, width, height).any(|near| is_stray[near]);
-        let strays: Vec<usize> = missed.iter().copied().filter(beside).collect();
-        strays.into_iter().for_each(|i| is_stray[i] = true);
+        let beside = |&i: &usize| {
+            let either = |all: [bool; 2], near: usize| [0, 1].map(|term| all[term] || are_stray[near][term]);
+            (i, around(i, width, height).fold(are_stray[i], either))
+        };
+        let strays: Vec<(usize, [bool; 2])> = missed.iter().map(beside).collect();
+        strays.into_iter().for_each(|(i, terms)| are_stray[i] = terms);
         for_some(&mut pixels, width, &missed, progress, |at, pixel, scratch| {
-            resample(at, is_stray[at.1 * width + at.0], 0..strong, pixel, scratch);
+            resample(at, are_stray[at.1 * width + at.0], 0..strong, pixel, scratch);
         })?;
         ends = missed;
     }
@@ -371,7 +374,7 @@ fn render_keeping<L: Kept>(
             let known = pixel.samples;
             resample(
                 at,
-                is_stray[at.1 * width + at.0],
+                are_stray[at.1 * width + at.0],
                 known..known.saturating_mul(MORE).min(most),
                 pixel,
                 scratch,
@@ -395,7 +398,7 @@ fn render_keeping<L: Kept>(
             let known = pixel.samples;
             resample(
                 at,
-                is_stray[at.1 * width + at.0],
+                are_stray[at.1 * width + at.0],
                 known..known.saturating_mul(MORE).min(most),
                 pixel,
                 scratch,

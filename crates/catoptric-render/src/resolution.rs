@@ -68,17 +68,18 @@ impl Resolution {
         self.pixel.width + self.pixel.spread * seen.distance
     }
 
-    /// What is to be evaluated at a place, where the mesh holds so much direct and mirrored light: all, or what it is too coarse for.
+    /// What is to be evaluated at a place, where the mesh holds so much direct and mirrored light: what it is too coarse for, and those terms that
+    /// are `everywhere`.
     #[inline]
     pub(crate) fn wanted(
         &self,
         at: &Located,
         [known, mirrored]: [Rgb; 2],
         seen: &Seen,
-        everywhere: bool,
+        everywhere: [bool; 2],
     ) -> Wanted {
         let corners = at.vertices.map(|v| self.blurred[v as usize]);
-        if !everywhere && corners == [[0.0; 2]; 3] || seen.throughput.max_element() < FAINT {
+        if everywhere == [false; 2] && corners == [[0.0; 2]; 3] || seen.throughput.max_element() < FAINT {
             return Wanted::NOTHING;
         }
         // What glows shows no shadows.
@@ -86,11 +87,11 @@ impl Resolution {
         if most < LEAST_BEND * seen.interaction.emission.0.dot(LUMINANCE) {
             return Wanted::NOTHING;
         }
-        if everywhere {
-            return Wanted { known, ..Wanted::ALL };
-        }
         let pixel = self.pixel_at(seen);
         let [direct, mirrored] = [0, 1].map(|term| {
+            if everywhere[term] {
+                return 1.0;
+            }
             let [a, b, c] = corners.map(|blurred| blurred[term]);
             let blurred = a * at.weights[0] + b * at.weights[1] + c * at.weights[2];
             let way = ((blurred - FINE * pixel) / ((COARSE - FINE) * pixel)).clamp(0.0, 1.0);
