@@ -348,6 +348,38 @@ fn what_walls_leave_is_sampled_among_chips() {
     });
 }
 
+/// What the number of samples explains is as much as they are off by, about, and nothing where no sample decides.
+#[test]
+fn doubt_is_as_large_as_samples_are_off() {
+    let scene = scene(11, white_card(), chips);
+    let tracer = Tracer::new(&scene);
+    let lights = Lights::new(&tracer, LightParams::default());
+    let mut scratch = Scratch::default();
+    for count in [8, 64] {
+        let (mut off, mut doubt, mut sampled) = (0.0, 0.0, 0);
+        for case in 0..256 {
+            let key = Key::new(5, Purpose::Test, case);
+            let receiver = receiver(&tracer, key);
+            let all: Vec<_> =
+                (0..16).map(|k| lights.direct(&receiver, count, key.child(k), &mut scratch)).collect();
+            let first = all[0];
+            assert_eq!(first.doubt > 0.0, first.sampled, "{first:?}");
+            if first.sampled {
+                let found = all.iter().map(|found| f64::from(found.irradiance.element_sum()));
+                let mean = found.clone().sum::<f64>() / 16.0;
+                off += found.map(|found| (found - mean).powi(2)).sum::<f64>() / 15.0;
+                doubt += f64::from(first.doubt).powi(2);
+                sampled += 1;
+            }
+        }
+        assert!(sampled >= 64, "{sampled}");
+        // It is said of a border, ½ n^-¾. Behind chips as small as strata n samples are as independent ones, ½ n^-½ at most.
+        let ratio = (off / doubt).sqrt();
+        let most = f64::from(count).sqrt().sqrt();
+        assert!(ratio > 0.5 && ratio < most, "{count}: {ratio}");
+    }
+}
+
 /// A sky of 6 m behind a window of half a metre with two hundred slats: of 32 rays to anywhere in the sky less than one would pass the window.
 #[test]
 fn rays_go_where_walls_leave_a_window() {

@@ -92,6 +92,8 @@ pub(crate) struct Part {
     pub(crate) penumbra: bool,
     /// Shadow rays told how much is seen.
     pub(crate) sampled: bool,
+    /// Deviation that their number alone explains, relative to what nothing blocks.
+    pub(crate) doubt: f32,
 }
 
 impl Part {
@@ -103,8 +105,9 @@ impl Part {
 
 impl From<SourceIrradiance> for Part {
     fn from(found: SourceIrradiance) -> Self {
-        let SourceIrradiance { irradiance, unoccluded, split, partial, sampled, .. } = found;
-        Self { irradiance, unoccluded, split, penumbra: partial, sampled }
+        let SourceIrradiance { irradiance, unoccluded, split, partial, sampled, doubt, .. } = found;
+        let doubt = doubt / unoccluded.element_sum().max(f32::MIN_POSITIVE);
+        Self { irradiance, unoccluded, split, penumbra: partial, sampled, doubt }
     }
 }
 

@@ -32,11 +32,6 @@ const SHOWN: (f32, f32) = (0.01, 0.03);
 const GOES_ON: f32 = 0.5;
 /// What differs by chance does not count: in deviations of what shadow rays find.
 const CHANCE: f32 = 2.5;
-/// Deviation of what the rays of a glance find of a source that they see a part of, relative to all of it, …
-const GLANCE_OFF: f32 = 0.1;
-/// … and of what those of a penumbra do: 64 stratified ones are off by .02. Where they agree, too: what blocks a sixty-fourth is missed, and one
-/// difference of halves is no measure of a single pixel.
-const RAYS_OFF: f32 = 0.02;
 /// Chains of mirrors over which each probe asks for light; where more are, fewer do, …
 const FEW_CHAINS: usize = 8;
 /// … but one of so many.
@@ -105,13 +100,13 @@ pub(crate) fn strays<L: Kept>(
                 };
                 let mut may_stray = || {
                     let found = evaluate(Some(Samples::glance()));
-                    let doubt = GLANCE_OFF * in_doubt(&requests, &found, |part| part.penumbra);
+                    let doubt = doubt(&requests, &found, |part| part.penumbra);
                     share(stored, &Sample { grain: 0.0, ..with(&found) }, exposure, doubt) > 0.0
                 };
                 let found = (!requests.is_empty() && (!is_glance || may_stray())).then(|| {
                     let found = evaluate(None);
                     let sample = with(&found);
-                    let doubt = RAYS_OFF * in_doubt(&requests, &found, |part| part.sampled);
+                    let doubt = doubt(&requests, &found, |_| true);
                     let share = share(stored, &sample, exposure, doubt);
                     let terms = which_differ(&requests, &found, displayed(&sample, exposure));
                     let records = requests.iter().zip(&found).map(|(r, f)| Record::of(r, f)).collect();
@@ -189,14 +184,17 @@ fn which_differ(requests: &[Request], found: &[SourceLight], displayed: f32) -> 
     differences.map(|difference: f32| difference.abs() > SHOWN.0 * displayed)
 }
 
-/// Luminance by sources of which what rays found is `uncertain`, if nothing blocked them.
-fn in_doubt(requests: &[Request], found: &[SourceLight], uncertain: impl Fn(&Part) -> bool) -> f32 {
+/// Luminance that the numbers of shadow rays explain, where what they found of a term is `uncertain`.
+fn doubt(requests: &[Request], found: &[SourceLight], uncertain: impl Fn(&Part) -> bool) -> f32 {
     let of = |(request, found): (&Request, &SourceLight)| {
         let parts = [(found.direct, request.wanted.direct), (found.mirrored, request.wanted.mirrored)];
         let doubtful = parts.iter().filter(|(part, _)| uncertain(part));
-        doubtful.map(|(part, share)| share * (request.send * part.unoccluded).dot(LUMINANCE)).sum::<f32>()
+        let square = |(part, share): &(Part, f32)| {
+            (part.doubt * share * (request.send * part.unoccluded).dot(LUMINANCE)).powi(2)
+        };
+        doubtful.map(square).sum::<f32>()
     };
-    requests.iter().zip(found).map(of).sum()
+    requests.iter().zip(found).map(of).sum::<f32>().sqrt()
 }
 
 /// Share of what the sources send at a pixel that is to be shown instead of what the mesh has: none where they hardly differ, or may do so

@@ -119,6 +119,9 @@ pub struct SourceIrradiance {
     /// What the first half of the samples found beyond the second: a quarter of its square estimates the variance of the
     /// irradiance, as well as one difference can.
     pub split: Rgb,
+    /// Deviation that the numbers of samples alone explain, whatever these found, channels added: a few that agree may all have missed
+    /// something.
+    pub doubt: f32,
 }
 
 impl SourceIrradiance {
@@ -131,6 +134,7 @@ impl SourceIrradiance {
         sampled: false,
         looked: false,
         split: Rgb::ZERO,
+        doubt: 0.0,
     };
 }
 
@@ -315,6 +319,7 @@ impl<'a> Lights<'a> {
             sum.sampled |= part.sampled;
             sum.looked |= part.looked;
             sum.split += part.split;
+            sum.doubt = sum.doubt.hypot(part.doubt);
         }
         scratch.chains = seen;
         sum
@@ -415,7 +420,7 @@ impl<'a> Lights<'a> {
                 let sent = self.strata(at, &target, budget, key.child(index), scratch, &mut tally);
                 result.irradiance += sent;
                 result.unoccluded += target.irradiance();
-                tally.next_target();
+                tally.next_target(target.irradiance().element_sum());
                 all = all - weight + f64::from(sent.element_sum()) / reflected;
             }
             scratch.order = order;
@@ -426,6 +431,7 @@ impl<'a> Lights<'a> {
                 let part = self.shared(at, &found, (total, share, shared), key, scratch, &mut tally);
                 result.irradiance += part.irradiance;
                 result.unoccluded += part.unoccluded;
+                tally.next(total as f32);
             }
         }
         scratch.found = found;
@@ -434,12 +440,14 @@ impl<'a> Lights<'a> {
             let part = self.bright_part(at, samples, known_light, key, scratch, &mut tally);
             result.irradiance += part.irradiance;
             result.unoccluded += part.unoccluded;
+            tally.next(part.unoccluded.element_sum());
         }
         result.partial = tally.is_partial();
         result.even = tally.is_even();
         result.sampled = tally.sampled;
         result.looked = tally.looked;
         result.split = tally.split;
+        result.doubt = tally.doubt();
         result
     }
 }
