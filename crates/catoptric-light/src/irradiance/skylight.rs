@@ -7,6 +7,7 @@
 //! worth their rays.
 
 use std::f32::consts::PI;
+use std::sync::LazyLock;
 
 use glam::{Vec2, Vec3};
 
@@ -42,6 +43,11 @@ const SIDE: u32 = 16;
 /// Those that are asked first, and by few samples.
 const COARSE: u32 = 8;
 const COARSE_OF_FEW: u32 = 4;
+/// Where the middles of the cells are on the hemisphere about +Z, row by row.
+static MIDDLES: LazyLock<Vec<Vec3>> = LazyLock::new(|| {
+    let at = |index: u32| (Vec2::new((index % SIDE) as f32, (index / SIDE) as f32) + 0.5) / SIDE as f32;
+    (0..SIDE * SIDE).map(|index| cosine_hemisphere(at(index))).collect()
+});
 /// Samples below which they are few.
 const FEW_SAMPLES: u32 = 16;
 
@@ -95,7 +101,7 @@ impl SkyView {
         let (from, to) = (frame(normal), frame(self.normal));
         for y in 0..SIDE {
             for x in 0..SIDE {
-                let local = cosine_hemisphere((Vec2::new(x as f32, y as f32) + 0.5) / SIDE as f32);
+                let local = MIDDLES[(y * SIDE + x) as usize];
                 let direction = from.0 * local.x + from.1 * local.y + normal * local.z;
                 let there = Vec3::new(direction.dot(to.0), direction.dot(to.1), direction.dot(self.normal));
                 if there.z > 0.0 {
