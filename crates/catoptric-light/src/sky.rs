@@ -89,6 +89,20 @@ impl BrightSky {
         }
     }
 
+    /// Radiance of the sky where it is dim: none of bright texels.
+    #[inline]
+    pub fn dim_radiance(&self, sky: &Sky, direction: Vec3) -> Rgb {
+        match sky {
+            Sky::Uniform(radiance) => radiance.0,
+            Sky::Image(image) => {
+                let (column, row) = image.texel_of(direction);
+                let index = row * image.width + column;
+                let is_bright = !self.texels.is_empty() && self.is_bright[index];
+                if is_bright { Rgb::ZERO } else { Rgb::from(image.texels[index]) }
+            }
+        }
+    }
+
     /// A direction inside a texel, uniform by solid angle for (s, t) in [0, 1)².
     pub fn direction_in(&self, image: &SkyImage, texel: &BrightTexel, s: f32, t: f32) -> Vec3 {
         // Uniform in cosθ within the row.

@@ -254,10 +254,10 @@ impl<'a> Hemisphere<'a> {
     fn open(&self, local: Vec3) -> (Vec3, Rgb) {
         let receiver = self.receiver;
         let direction = self.axes[0] * local.x + self.axes[1] * local.y + receiver.normal * local.z;
-        if direction.dot(receiver.geometric) <= 0.0 || self.lights.bright.holds(self.sky, direction) {
+        if direction.dot(receiver.geometric) <= 0.0 {
             return (direction, Rgb::ZERO);
         }
-        let radiance = self.sky.radiance(direction).0;
+        let radiance = self.lights.bright.dim_radiance(self.sky, direction);
         (direction, radiance * self.clear * receiver.coat.transmittance(local.z))
     }
 
