@@ -33,7 +33,7 @@ const GOES_ON: f32 = 0.5;
 /// What differs by chance does not count: in deviations of what shadow rays find.
 const CHANCE: f32 = 2.5;
 /// Chains of mirrors over which each probe asks for light; where more are, fewer do, …
-const FEW_CHAINS: usize = 8;
+const FEW_CHAINS: usize = 2;
 /// … but one of so many.
 const MOST_SKIPPED: usize = 8;
 /// Pixels in one parallel job.
