@@ -137,7 +137,7 @@ impl Records {
         }
     }
 
-    /// Those of some pixels, ascending, are now these.
+    /// Those of some pixels, ascending and each once, are now these.
     pub(crate) fn insert(&mut self, fresh: &[(usize, Vec<Record>)]) {
         let old = std::mem::take(self);
         let pixels = fresh.last().map_or(0, |last| last.0 + 1).max(old.ends.len());

@@ -150,9 +150,21 @@ pub(crate) fn strays<L: Kept>(
         }
         is_glance = false;
     }
-    fresh.sort_unstable_by_key(|fresh| fresh.0);
-    records.insert(&fresh);
+    records.insert(&last_of_each(fresh));
     Ok(are_stray)
+}
+
+/// By pixel, what was found there last: one that was asked for direct light alone may have been asked again.
+fn last_of_each<T>(mut found: Vec<(usize, T)>) -> Vec<(usize, T)> {
+    found.sort_by_key(|found| found.0);
+    found.dedup_by(|later, earlier| {
+        let is_same = later.0 == earlier.0;
+        if is_same {
+            std::mem::swap(later, earlier);
+        }
+        is_same
+    });
+    found
 }
 
 /// The probes in a picture of so many columns and rows, ascending.
@@ -235,6 +247,12 @@ mod tests {
             }
         }
         assert_eq!(probes((3, 2)).collect::<Vec<_>>(), [0]);
+    }
+
+    #[test]
+    fn what_is_found_last_at_a_pixel_counts() {
+        let found = vec![(5, 'a'), (2, 'b'), (5, 'c'), (9, 'd'), (2, 'e'), (5, 'f')];
+        assert_eq!(last_of_each(found), [(2, 'e'), (5, 'f'), (9, 'd')]);
     }
 
     #[test]
