@@ -124,6 +124,11 @@ fn floor(scene: &Scene, solution: &Solution, width: f32, direct: DirectLight) ->
     view.image.channel("G").expect("a picture").iter().map(|light| f64::from(*light)).collect()
 }
 
+/// Mean squared error, relative to each pixel.
+fn error(ours: &[f64], exact: &[f64]) -> f64 {
+    ours.iter().zip(exact).map(|(a, b)| (a - b).powi(2) / (b * b)).sum::<f64>() / exact.len() as f64
+}
+
 #[test]
 fn a_shadow_finer_than_the_mesh_is_evaluated_close_up_and_read_from_afar() {
     let scene = post();
@@ -132,9 +137,6 @@ fn a_shadow_finer_than_the_mesh_is_evaluated_close_up_and_read_from_afar() {
     let solved = solve(&tracer, &SolveParams::for_quality(quality), &Silent).expect("not cancelled");
     let rays = ShadowRays::for_quality(quality);
     let view = |width: f32, direct: DirectLight| floor(&scene, &solved.solution, width, direct);
-    let error = |ours: &[f64], exact: &[f64]| {
-        ours.iter().zip(exact).map(|(a, b)| (a - b).powi(2) / (b * b)).sum::<f64>() / exact.len() as f64
-    };
     // Elements are a few pixels wide here.
     let exact = view(0.08, DirectLight::Pixels(rays));
     let [stored, auto] =
@@ -182,10 +184,7 @@ fn shadows_that_passed_between_the_vertices_are_found_by_probes_and_followed() {
         let [stored, auto, exact] =
             [DirectLight::Vertices, DirectLight::Auto(rays), DirectLight::Pixels(rays)]
                 .map(|direct| floor(&scene, &solved.solution, width, direct));
-        let error = |ours: &[f64]| {
-            ours.iter().zip(&exact).map(|(a, b)| (a - b).powi(2) / (b * b)).sum::<f64>() / exact.len() as f64
-        };
-        let [stored, auto] = [&stored, &auto].map(|ours| error(ours));
+        let [stored, auto] = [&stored, &auto].map(|ours| error(ours, &exact));
         // What differs by 1 % hardly shows, and is left to the mesh.
         assert!(stored > 1e-3, "the shadows are no challenge: {stored}");
         assert!(auto < 1e-4, "{width} m: {auto} of {stored}");

@@ -173,8 +173,8 @@ fn probes((width, height): (usize, usize)) -> impl Iterator<Item = usize> {
     (0..height).flat_map(move |y| (first(y)..width).step_by(APART).map(move |x| y * width + x))
 }
 
-/// What one or the other asks.
-fn either(one: [bool; 2], other: [bool; 2]) -> [bool; 2] {
+/// The terms that are one's or the other's.
+pub(crate) fn either(one: [bool; 2], other: [bool; 2]) -> [bool; 2] {
     [one[0] || other[0], one[1] || other[1]]
 }
 

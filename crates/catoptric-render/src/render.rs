@@ -315,8 +315,8 @@ fn render_keeping<L: Kept>(
             outlines.guess(pixel, outline.as_deref().unwrap_or_default(), width);
         }
     }
-    let resample = |at: (usize, usize),
-                    everywhere: [bool; 2],
+    let resample = |are_stray: &[[bool; 2]],
+                    at: (usize, usize),
                     fresh: Range<u32>,
                     pixel: &mut Sample<L>,
                     scratch: &mut Scratch| {
@@ -330,13 +330,13 @@ fn render_keeping<L: Kept>(
             }
             Some(rays) => Query::Evaluate(rays),
         };
-        let eye = Eye { everywhere, ..eye };
+        let eye = Eye { everywhere: are_stray[index], ..eye };
         resample(&eye, film, params, (outlines.cuts(index), exposure), query, at, fresh, pixel, scratch);
     };
     for_pixels(&mut pixels, width, progress, |at, pixel, scratch| match needs[at.1 * width + at.0] {
         Need::Nothing | Need::Shadows => {}
-        Need::FewSamples => resample(at, are_stray[at.1 * width + at.0], 0..counts[0], pixel, scratch),
-        Need::Samples => resample(at, are_stray[at.1 * width + at.0], 0..strong, pixel, scratch),
+        Need::FewSamples => resample(&are_stray, at, 0..counts[0], pixel, scratch),
+        Need::Samples => resample(&are_stray, at, 0..strong, pixel, scratch),
     })?;
     // What is thinner than a pixel passes between the centres of some.
     let limit = THIN * params.noise * strong as f32;
@@ -352,13 +352,13 @@ fn render_keeping<L: Kept>(
         missed.dedup();
         // Shadows that the mesh does not know go on between the centres, too.
         let beside = |&i: &usize| {
-            let either = |all: [bool; 2], near: usize| [0, 1].map(|term| all[term] || are_stray[near][term]);
-            (i, around(i, width, height).fold(are_stray[i], either))
+            let near = around(i, width, height).map(|near| are_stray[near]);
+            (i, near.fold(are_stray[i], probes::either))
         };
         let strays: Vec<(usize, [bool; 2])> = missed.iter().map(beside).collect();
         strays.into_iter().for_each(|(i, terms)| are_stray[i] = terms);
         for_some(&mut pixels, width, &missed, progress, |at, pixel, scratch| {
-            resample(at, are_stray[at.1 * width + at.0], 0..strong, pixel, scratch);
+            resample(&are_stray, at, 0..strong, pixel, scratch);
         })?;
         ends = missed;
     }
@@ -371,14 +371,7 @@ fn render_keeping<L: Kept>(
         };
         open = open.into_par_iter().with_min_len(FEW).filter(is_open).collect();
         for_some(&mut pixels, width, &open, progress, |at, pixel, scratch| {
-            let known = pixel.samples;
-            resample(
-                at,
-                are_stray[at.1 * width + at.0],
-                known..known.saturating_mul(MORE).min(most),
-                pixel,
-                scratch,
-            );
+            resample(&are_stray, at, more(pixel.samples, most), pixel, scratch);
         })?;
         let near = |&i: &usize| around(i, width, height).chain([i]).collect::<Vec<_>>();
         open = open.iter().flat_map(near).filter(|&i| pixels[i].samples > 0).collect();
@@ -395,14 +388,7 @@ fn render_keeping<L: Kept>(
             break;
         }
         for_some(&mut pixels, width, &sparks, progress, |at, pixel, scratch| {
-            let known = pixel.samples;
-            resample(
-                at,
-                are_stray[at.1 * width + at.0],
-                known..known.saturating_mul(MORE).min(most),
-                pixel,
-                scratch,
-            );
+            resample(&are_stray, at, more(pixel.samples, most), pixel, scratch);
         })?;
     }
     let edge_samples: u64 = pixels.iter().map(|p| u64::from(p.samples)).sum();
@@ -489,6 +475,11 @@ fn for_some<L: Kept>(
 
 /// Samples of a pixel beside a noisy one (the rim of a glass, with lamps in it) for each that it has already.
 const MORE: u32 = 2;
+/// The samples that come next in a pixel that has so many, and may have `most`.
+fn more(known: u32, most: u32) -> Range<u32> {
+    known..known.saturating_mul(MORE).min(most)
+}
+
 /// Samples where the contrast is strong, for each where it is not: a power of `MORE`.
 const STRONG: u32 = 4;
 
