@@ -348,10 +348,9 @@ fn what_walls_leave_is_sampled_among_chips() {
     });
 }
 
-/// What the number of samples explains is as much as they are off by, about, and nothing where no sample decides.
-#[test]
-fn doubt_is_as_large_as_samples_are_off() {
-    let scene = scene(11, white_card(), chips);
+/// Holds what the number of samples explains against what they are off by, and that is nothing where no sample decides.
+fn doubt_is_as_large_as_samples_are_off(more: impl Fn(&mut SceneParts)) {
+    let scene = scene(11, white_card(), more);
     let tracer = Tracer::new(&scene);
     let lights = Lights::new(&tracer, LightParams::default());
     let mut scratch = Scratch::default();
@@ -378,6 +377,21 @@ fn doubt_is_as_large_as_samples_are_off() {
         let most = f64::from(count).sqrt().sqrt();
         assert!(ratio > 0.5 && ratio < most, "{count}: {ratio}");
     }
+}
+
+#[test]
+fn doubt_of_shadows_is_as_large_as_samples_are_off() {
+    doubt_is_as_large_as_samples_are_off(chips);
+}
+
+/// A lamp in the plane of another covers half of it: how bright they are changes at a border, though nothing blocks.
+#[test]
+fn doubt_of_what_shines_unevenly_is_as_large_as_samples_are_off() {
+    doubt_is_as_large_as_samples_are_off(|parts| {
+        let bright = parts.add_material(Material::emitter("bright", Radiance(Rgb::splat(3.0))));
+        let [corner, u, v] = EMITTER;
+        parts.add_quad("beside", bright, corner + 0.5 * u, u, v);
+    });
 }
 
 /// A sky of 6 m behind a window of half a metre with two hundred slats: of 32 rays to anywhere in the sky less than one would pass the window.

@@ -288,9 +288,8 @@ impl Lights<'_> {
         let sampled = tally.sampled || varies;
         let found = self.shoot(at, target, &shots, 0..count, &mut Sums::default(), scratch, tally);
         tally.sampled = sampled;
-        if !varies {
-            tally.rays = 0;
-        }
+        // By so many samples textures are as doubtful as shadows are, though no ray is traced.
+        tally.rays = if varies { count } else { 0 };
         found
     }
 
