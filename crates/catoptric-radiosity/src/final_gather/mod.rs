@@ -198,9 +198,12 @@ pub(crate) fn final_gather(
     let spots = Spots::new(lights, sight, coarse.patches, &irradiance);
     let mut vertices = gathers.look(&light, &spots);
     // All guides stand before the first vertex finds more.
-    let guides = gathers.guides(&vertices, &spots);
+    let guides = gathers.guides(&vertices, &spots, |_| true);
     let sources = sight.at_gathers(sight.sources);
     let budget = gathers.budget(&vertices, &guides, &sources, sight.mean(&irradiance));
+    gathers.look_again(&light, &mut vertices, &guides, &spots, &budget);
+    // Some knew nothing of what is bright, since all around missed it with their first rays.
+    let guides = gathers.guides(&vertices, &spots, |v| gathers.is_surprised(&vertices, &budget, v));
     gathers.look_again(&light, &mut vertices, &guides, &spots, &budget);
     // Kilobytes each.
     drop(guides);
