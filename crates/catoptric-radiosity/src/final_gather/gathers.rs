@@ -38,8 +38,8 @@ const SHARED_TRUST: f32 = 40.0;
 /// Deviation of what a vertex found, relative to all light there, from which its neighbours look once more, …
 const NOISY: f32 = 0.1;
 /// … and how many times as many rays as they, for what is usual, it must have got for that. (By 8 seeds of a room lit over a mirror: indirect
-/// light deviates by 1.03 % of what is displayed, not 1.19 %, and of the noisiest thousandth by 11 %, not 13 %, for 3 % more time. At 0.05 and 2
-/// it is 1.01 and 11 %, for 12 %; a fourth look finds nothing.)
+/// light deviates by 1.03 % of what is displayed, not 1.19 %, and the noisiest thousandth by 11 %, not 13 %, for 1 to 3 % more time in all. At 0.05 and
+/// 2 it is 1.01 and 11 %, for 6 to 12 %; a fourth look finds nothing.)
 const MORE: u64 = 4;
 
 /// Tells the keys of gathers apart: in the entity of their rays.
