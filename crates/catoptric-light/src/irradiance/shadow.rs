@@ -396,7 +396,7 @@ pub(super) struct Tally {
     most: f32,
     /// Sum over all targets: see [`SourceIrradiance::split`].
     pub(super) split: Rgb,
-    /// Samples of the present target that tell how much of it is seen.
+    /// Samples of the present target that tell how much of it is seen, or how bright it is.
     rays: u32,
     /// Sum over those before: the square of [`SourceIrradiance::doubt`](super::SourceIrradiance::doubt).
     doubt: f32,

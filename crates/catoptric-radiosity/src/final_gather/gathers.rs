@@ -22,6 +22,7 @@ use crate::sharing::Sharing;
 use crate::solve::SolveParams;
 
 use super::links::{Linking, Links};
+use super::shared::SharedGathers;
 use super::spots::Spots;
 use super::turns::{part, turns};
 
@@ -280,9 +281,10 @@ impl<'a> Gathers<'a> {
         let beside = |&i: &u32| {
             let receiver = self.draft.gatherer(self.lights.tracer(), origin[i as usize]);
             let hints = |known| self.hints(spots, &receiver, known, u64::from(origin[i as usize]));
-            asked(i).then(|| vertices.guide(self.beside(i), hints))
+            vertices.guide(self.beside(i), hints)
         };
-        vertices.own.par_iter().with_max_len(JOB).map(beside).collect()
+        let guide = |i: &u32| asked(*i).then(|| beside(i));
+        vertices.own.par_iter().with_max_len(JOB).map(guide).collect()
     }
 
     /// The other corners of the elements around a display vertex, some of them twice.
@@ -297,8 +299,10 @@ impl<'a> Gathers<'a> {
         let Vertices { gathered, rays, usual, .. } = vertices;
         let [own_rays, own_usual] = [rays, usual].map(|of| u64::from(of[vertex as usize]));
         let known = budget.least[vertex as usize] + budget.floor;
+        // Those that share look for nothing themselves.
+        let mut looked = self.beside(vertex).map(|other| other as usize).filter(|&other| rays[other] > 0);
         !self.at_once
-            && self.beside(vertex).map(|other| other as usize).any(|other| {
+            && looked.any(|other| {
                 let found = &gathered[other];
                 let is_noisy = found.noise.sqrt() > NOISY * (found.indirect.element_sum() + known);
                 is_noisy || u64::from(rays[other]) * own_usual >= MORE * own_rays * u64::from(usual[other])
@@ -337,8 +341,7 @@ impl<'a> Gathers<'a> {
         Budget { allocation: Allocation::new(deviations), least, floor }
     }
 
-    /// The other half of the rays of the vertices, or as many as the neighbours' halves call for, where they point to. Shared
-    /// vertices get what is known around them.
+    /// More rays of the vertices that have guides, as many as these call for, where they point to.
     pub(super) fn look_again(
         &self,
         light: &DiffuseLight,
@@ -369,7 +372,7 @@ impl<'a> Gathers<'a> {
                     let more =
                         self.gather(light, &receiver, known..all, Some(guide), u64::from(v), &mut witness);
                     *findings = witness.findings;
-                    // Each counts by the inverse of its variance.
+                    // Each counts by the inverse of its variance; all known ones as if none was guided.
                     let [even, guided] = [guide.even_deviation(), guide.deviation()].map(|d| d * d);
                     let (one, other) = (known as f32 * guided, (all - known) as f32 * even);
                     let share = one / (one + other).max(f32::MIN_POSITIVE);
@@ -386,6 +389,10 @@ impl<'a> Gathers<'a> {
                 links[i].append(again.links);
             }
         }
+    }
+
+    /// Shared vertices get what is known around them.
+    pub(super) fn share(&self, vertices: &mut Vertices) {
         self.shared.fill(&self.displayed, &mut vertices.gathered);
     }
 
@@ -465,17 +472,17 @@ impl<'a> Gathers<'a> {
         for (&lead, found) in leads.iter().zip(again) {
             vertices.gathered[self.shared.shown[lead as usize] as usize] = found;
         }
-        self.shared.fill(&self.displayed, &mut vertices.gathered);
+        self.share(vertices);
     }
 }
 
-/// The second half of the rays of a vertex.
+/// More rays of a vertex.
 struct Again {
-    /// What both halves found.
+    /// What all its rays found.
     found: Gathered,
-    /// What the first half counts.
+    /// What those before count.
     share: f32,
-    /// What the second half met, by what it counts.
+    /// What those after met, by what they count.
     links: Links,
     /// All rays.
     rays: u32,
@@ -518,67 +525,20 @@ fn least_beside(mesh: &DisplayMesh, value: impl Fn(u32) -> f32) -> Vec<f32> {
     least
 }
 
-/// Gathers at the vertices of a display mesh, some of which are shared.
-struct SharedGathers<'a> {
-    sharing: &'a Sharing,
-    /// Display vertex of each draft vertex.
-    shown: Vec<u32>,
-}
-
-impl<'a> SharedGathers<'a> {
-    fn new(sharing: &'a Sharing, displayed: &Displayed) -> Self {
-        let count = displayed.origin.iter().max().map_or(0, |v| *v as usize + 1);
-        let mut shown = vec![u32::MAX; count];
-        for (index, &v) in displayed.origin.iter().enumerate() {
-            shown[v as usize] = index as u32;
-        }
-        Self { sharing, shown }
-    }
-
-    fn fill(&self, displayed: &Displayed, gathered: &mut [Gathered]) {
-        self.mix(displayed, gathered, Gathered::add);
-    }
-
-    /// Gives every vertex that shares the weighted sum of those that it takes light from.
-    fn mix<T: Default>(&self, displayed: &Displayed, values: &mut [T], add: impl Fn(&mut T, &T, f32)) {
-        let mixed = |parts: &[(u32, f32)]| {
-            let mut sum = T::default();
-            for &(lead, weight) in parts {
-                add(&mut sum, &values[self.shown[lead as usize] as usize], weight);
-            }
-            sum
-        };
-        // The leads, too, or their noise would stand out of what is around them.
-        let leads: Vec<(u32, T)> = self
-            .sharing
-            .around_leads()
-            .map(|(lead, parts)| (self.shown[lead as usize], mixed(parts)))
-            .collect();
-        let others = displayed.origin.iter().enumerate().filter(|(_, v)| !self.sharing.is_asked(**v));
-        let others: Vec<(u32, T)> =
-            others.map(|(index, &v)| (index as u32, mixed(self.sharing.parts(v)))).collect();
-        for (index, value) in leads.into_iter().chain(others) {
-            values[index as usize] = value;
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use catoptric_light::LightParams;
-    use catoptric_scene::{Material, Scene, SceneParts, Silent};
+    use catoptric_scene::{Scene, Silent};
     use catoptric_solution::Quality;
     use catoptric_trace::Tracer;
     use glam::Vec3;
 
+    use super::super::tests::floor;
     use super::*;
 
     #[test]
     fn vertices_beside_what_was_not_known_look_again_and_no_others() {
-        let mut parts = SceneParts::default();
-        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
-        parts.add_quad("floor", white, Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
-        let scene = Scene::new(parts).expect("a valid scene");
+        let scene = Scene::new(floor().0).expect("a valid scene");
         let tracer = Tracer::new(&scene);
         let lights = Lights::new(&tracer, LightParams::default());
         let draft = Draft::new(&tracer, 0.5);
@@ -620,5 +580,10 @@ mod tests {
             vertices.gathered[one].noise = noise;
             assert_eq!(surprised(&vertices), expected, "{rays} {noise}");
         }
+        // One that takes its light from others.
+        let mut vertices = calm();
+        (vertices.rays[one], vertices.usual[one]) = (0, 0);
+        vertices.gathered[one] = Gathered::default();
+        assert!(!surprised(&vertices).iter().any(|v| beside.contains(v)));
     }
 }

@@ -2,12 +2,13 @@
 //! corrected by what it found beyond what it saw.
 //!
 //! The file `gathers` sends the rays, `links` keeps what those of the vertices met, `bright` finds what is small and bright
-//! and `spots` where it is seen, `seams` joins faces in one plane, `turns` shares out one sequence among the points inside the elements.
+//! and `spots` where it is seen, `seams` joins faces in one plane, `shared` hands on what some vertices take from others, `turns` shares out one sequence among the points inside the elements.
 
 mod bright;
 mod gathers;
 mod links;
 mod seams;
+mod shared;
 mod spots;
 mod turns;
 
@@ -202,11 +203,13 @@ pub(crate) fn final_gather(
     let sources = sight.at_gathers(sight.sources);
     let budget = gathers.budget(&vertices, &guides, &sources, sight.mean(&irradiance));
     gathers.look_again(&light, &mut vertices, &guides, &spots, &budget);
+    // Kilobytes each.
+    drop(guides);
     // Some knew nothing of what is bright, since all around missed it with their first rays.
     let guides = gathers.guides(&vertices, &spots, |v| gathers.is_surprised(&vertices, &budget, v));
     gathers.look_again(&light, &mut vertices, &guides, &spots, &budget);
-    // Kilobytes each.
     drop(guides);
+    gathers.share(&mut vertices);
 
     let looked_at = solved(&gathers, sight, &coarse_seen, &mut vertices);
     let irradiance = sight.with(&looked_at);
@@ -359,18 +362,23 @@ fn trusted(mesh: &DisplayMesh, trust: &[f32], noise: &[f32]) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
-    use catoptric_scene::{Material, Scene, SceneParts, Side};
+    use catoptric_scene::{Material, MaterialId, Scene, SceneParts, Side};
     use catoptric_trace::Tracer;
     use glam::Vec3;
 
     use super::*;
 
-    #[test]
-    fn only_what_stands_out_of_its_neighbours_is_trusted_less() {
+    /// A white floor of 4 × 4 m, seen from above, and its material.
+    pub(super) fn floor() -> (SceneParts, MaterialId) {
         let mut parts = SceneParts::default();
         let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
         parts.add_quad("floor", white, Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
-        let scene = Scene::new(parts).expect("a valid scene");
+        (parts, white)
+    }
+
+    #[test]
+    fn only_what_stands_out_of_its_neighbours_is_trusted_less() {
+        let scene = Scene::new(floor().0).expect("a valid scene");
         let tracer = Tracer::new(&scene);
         let mesh = Draft::new(&tracer, 0.4).display(&tracer).mesh;
         assert!(mesh.vertices.iter().all(|v| v.side == Side::Front));

@@ -250,7 +250,7 @@ impl Spots {
 
 #[cfg(test)]
 mod tests {
-    use catoptric_scene::{Barycentric, Material, Radiance, Scene, SceneParts, Side, TriangleId};
+    use catoptric_scene::{Barycentric, Material, Radiance, Scene, Side, TriangleId};
     use catoptric_trace::sequence::{Purpose, cosine_hemisphere};
 
     use crate::gather::Gathered;
@@ -259,13 +259,12 @@ mod tests {
     use catoptric_light::LightParams;
     use catoptric_trace::{PlaneId, Tracer};
 
+    use super::super::tests::floor;
     use super::*;
 
     #[test]
     fn spots_that_are_seen_and_no_others_draw_rays() {
-        let mut parts = SceneParts::default();
-        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
-        parts.add_quad("floor", white, Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
+        let (mut parts, white) = floor();
         // A screen in the middle, a metre high.
         parts.add_quad("screen", white, Vec3::new(2.0, 0.0, 4.0), Vec3::Z * -4.0, Vec3::Y);
         let scene = Scene::new(parts).expect("a valid scene");
@@ -310,11 +309,9 @@ mod tests {
     /// A screen hides a bright place, and a mirror shows it.
     #[test]
     fn places_are_seen_over_mirrors() {
-        let mut parts = SceneParts::default();
-        let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
+        let (mut parts, white) = floor();
         let mirror = parts.add_material(Material::mirror("mirror", Rgb::splat(0.9)));
         let lamp = parts.add_material(Material::emitter("lamp", Radiance(Rgb::ONE)));
-        parts.add_quad("floor", white, Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
         parts.add_quad("mirror", mirror, Vec3::new(4.0, 0.0, 0.0), Vec3::Z * 4.0, Vec3::Y * 3.0);
         parts.add_quad("lamp", lamp, Vec3::new(3.0, 3.0, 1.0), Vec3::X * 0.1, Vec3::Z * 0.1);
         // Above the receiver, and below the place.
@@ -362,10 +359,7 @@ mod tests {
     /// Two lamps whose inner walls are a thousand triangles each, below a ceiling.
     #[test]
     fn hundreds_of_bright_triangles_make_few_spots_and_no_difference() {
-        let mut scene = SceneParts::default();
-        let white = scene.add_material(Material::lambertian("white", Rgb::splat(0.5)));
-        scene.add_quad("floor", white, Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
-        let scene = Scene::new(scene).expect("a valid scene");
+        let scene = Scene::new(floor().0).expect("a valid scene");
         let tracer = Tracer::new(&scene);
         let lights = Lights::new(&tracer, LightParams::default());
         let (radius, height, around, up) = (0.06, 0.1, 40_u16, 25_u16);
