@@ -130,13 +130,15 @@ pub fn gather_part(
         }
         let weight = share * if coated { receiver.coat.transmittance(local.z) } else { 1.0 };
         let ray = Ray { origin: receiver.position, direction, from: receiver.plane };
+        // Rays that a guide sends densely count little, each, and are no weaker for that.
+        let params = WalkParams { roulette_below: params.roulette_below * share.min(1.0), ..*params };
         let end = walk::choose(
             tracer,
             ray,
             receiver.media,
             Rgb::splat(weight),
             key.child(index),
-            params,
+            &params,
             &mut ledger,
             |arrival| {
                 let scale = tracer.media().radiance_scale(receiver.media.current(), arrival.media.current());

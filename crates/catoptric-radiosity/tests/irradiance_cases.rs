@@ -11,10 +11,11 @@ use glam::{DVec3, Vec3};
 use catoptric_light::irradiance::Scratch;
 use catoptric_light::{LightParams, Lights, Receiver};
 use catoptric_radiosity::base_mesh::coarse_patches;
-use catoptric_radiosity::gather::{DiffuseLight, gather};
+use catoptric_radiosity::gather::{DiffuseLight, Gathered, gather, gather_part};
+use catoptric_radiosity::guide::{Findings, Guide, Hints, PlaceId, Window};
 use catoptric_scene::{Barycentric, Material, Radiance, Rgb, Scene, SceneParts, Side, TriangleId};
 use catoptric_trace::Tracer;
-use catoptric_trace::sequence::{Key, Purpose};
+use catoptric_trace::sequence::{Key, Purpose, frame, hemisphere_point};
 use catoptric_trace::walk::WalkParams;
 
 type Corners = Vec<DVec3>;
@@ -278,4 +279,49 @@ fn a_furnace_has_no_noise() {
             assert!(found.noise < 1e-12, "{rays} rays: {}", found.noise);
         }
     });
+}
+
+/// Rays that a guide sends densely to what is small find the same over a mirror as where the mirror shows it, however little each counts.
+#[test]
+fn guided_rays_go_on_over_mirrors() {
+    let sender = rectangle([-0.05, -0.05, 1.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]);
+    let image = reflected(&sender, DVec3::X, 1.0);
+    let mirror = rectangle([1.0, -2.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 2.0]);
+    let blocker = rectangle([-0.1, -0.1, 0.5], [0.2, 0.0, 0.0], [0.0, 0.2, 0.0]);
+    let straight = plain("where its image is", image.clone());
+    let over = Case {
+        blockers: vec![blocker],
+        mirrors: vec![(mirror, Rgb::splat(0.9))],
+        ..plain("over a mirror", sender)
+    };
+    let (tangent, bitangent) = frame(Vec3::Z);
+    let corners = image.iter().map(|c| c.normalize().as_vec3());
+    let window = Window::around(
+        corners.map(|way| hemisphere_point(Vec3::new(way.dot(tangent), way.dot(bitangent), way.z))),
+    );
+    let mut hints = Hints::default();
+    hints.open(PlaceId(0), window, 1.0);
+    let guide = Guide::new(&Findings::default(), &hints, Gathered::default());
+    // The window gets half of the rays: each of them counts twice its area, and roulette that knew nothing of that would end most.
+    let counts = 2.0 * window.area();
+    assert!(counts < 0.1 * WalkParams::default().roulette_below, "{counts}");
+    let [straight, over] = [straight, over].map(|case| {
+        let mut found = Vec::new();
+        evenly_lit(&scene(&case, false), 2.0 * PI, |tracer, lights, light| {
+            let at = receiver(tracer);
+            let ask = |seed| {
+                let (key, walk) = (Key::new(seed, Purpose::Test, 12), WalkParams::default());
+                gather_part(lights, light, &at, 0..64, Some(&guide), key, &walk, &mut ()).indirect.x
+            };
+            found = (0..32).map(ask).collect();
+        });
+        found
+    });
+    let exact = lambert(&image) as f32;
+    for (straight, over) in straight.into_iter().zip(over) {
+        // By 32 rays in the window, of which three quarters meet it.
+        assert!((straight / exact - 1.0).abs() < 0.5, "{straight} of {exact}");
+        // Roundings of places beside the border.
+        assert!((over / (0.9 * straight) - 1.0).abs() < 1e-3, "{over} for {straight}");
+    }
 }
