@@ -49,6 +49,8 @@ struct Bright {
     cell: u8,
     radiance: f32,
     even: f32,
+    /// What the ray counts among all.
+    share: f32,
 }
 
 /// What rays found, by the cell that they came from.
@@ -57,11 +59,12 @@ pub struct Findings {
     /// All rays, and what those found that met no bright place.
     cells: [Cell; CELLS],
     bright: Vec<Bright>,
+    rays: f32,
 }
 
 impl Default for Findings {
     fn default() -> Self {
-        Self { cells: [Cell::default(); CELLS], bright: Vec::new() }
+        Self { cells: [Cell::default(); CELLS], bright: Vec::new(), rays: 0.0 }
     }
 }
 
@@ -70,9 +73,10 @@ impl Findings {
     #[inline]
     pub fn add(&mut self, aim: &Aim, radiance: f32, place: Option<PlaceId>) {
         let (cell, even) = (cell_of(aim.point), aim.even);
+        self.rays += 1.0;
         if let Some(place) = place {
             self.cells[cell].add(Cell([1.0, 0.0, 0.0]), even);
-            self.bright.push(Bright { place, cell: cell as u8, radiance, even });
+            self.bright.push(Bright { place, cell: cell as u8, radiance, even, share: aim.share });
         } else {
             self.cells[cell].add(Cell([1.0, radiance, radiance * radiance]), even);
         }
@@ -89,6 +93,7 @@ impl Findings {
             own.add(other, 1.0);
         }
         self.bright.extend_from_slice(&others.bright);
+        self.rays += others.rays;
     }
 }
 
@@ -253,7 +258,8 @@ impl Guide {
                 *place == Some(hit.place) && window.is_near(cell)
             };
             if let Some(window) = hints.windows.iter().position(is_there) {
-                let share = hit.even * even / findings.cells[cell].0[0];
+                // Not by the cell: where a window overlaps a corner of it, all rays in it may be the window's.
+                let share = hit.share / findings.rays;
                 mean += hit.radiance * share;
                 found[window] += hit.radiance * hit.radiance * share;
             } else {
@@ -555,6 +561,33 @@ mod tests {
                 assert!((one / other - 1.0).abs() < 0.12, "{one} {other}");
             }
         }
+    }
+
+    /// Where a place lies across the corners of cells, most of those hold no rays but the window's.
+    #[test]
+    fn few_guided_rays_tell_of_a_place_what_many_do() {
+        let corner = Vec2::new(3.0, 4.0) / SIDE as f32;
+        let is_there = |point: Vec2| (point - corner).abs().max_element() < HALF;
+        let mut hints = Hints::default();
+        hints.open(PlaceId(3), Window::around([corner - 1.5 * HALF, corner + 1.5 * HALF].into_iter()), 100.0);
+        let guide = Guide::new(&Findings::default(), &hints, Gathered::default());
+        let runs: u16 = 400;
+        let (mut mean, mut variance) = (0.0, 0.0);
+        for run in 0..u64::from(runs) {
+            let mut findings = Findings::default();
+            for index in 0..32 {
+                let aim = guide.warp(key(run).point2(index));
+                let found = if is_there(aim.point) { 300.0 } else { 0.0 };
+                findings.add(&aim, found, is_there(aim.point).then_some(PlaceId(3)));
+            }
+            let told = Guide::new(&findings, &hints, Gathered::default());
+            mean += told.mean() / f32::from(runs);
+            variance += told.even_deviation().powi(2) / f32::from(runs);
+        }
+        // Of the 32 rays 7 meet it, binomially: √(1/7 · 25/32) = 33 % each time, 2 % in all. Five times that.
+        let exact = 300.0 * (2.0 * HALF).powi(2);
+        assert!((mean / exact - 1.0).abs() < 0.1, "{mean} of {exact}");
+        assert!((variance / (300.0 * exact) - 1.0).abs() < 0.1, "{variance} of {}", 300.0 * exact);
     }
 
     #[test]

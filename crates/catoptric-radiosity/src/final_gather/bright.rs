@@ -9,6 +9,7 @@ use catoptric_scene::Rgb;
 use catoptric_trace::sequence::frame;
 use catoptric_trace::{PlaneId, Tracer};
 
+use crate::display::Displayed;
 use crate::guide::PlaceId;
 use crate::patch::PatchMesh;
 
@@ -29,7 +30,7 @@ const FINEST_CUBE: f32 = 1.0 / 16.0;
 /// … or as large as the place.
 const COARSEST_CUBE: f32 = 4.0;
 
-/// A base triangle that is bright.
+/// What is bright of a base triangle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Part {
     pub(super) position: Vec3,
@@ -39,7 +40,8 @@ pub(super) struct Part {
     pub(super) radiance: f32,
     pub(super) plane: PlaneId,
     pub(super) root: usize,
-    pub(super) corners: [Vec3; 3],
+    /// Its outline.
+    pub(super) corners: [Vec3; OUTLINE],
 }
 
 /// One of them, or some that are near each other.
@@ -94,54 +96,70 @@ impl Place {
     }
 }
 
-/// The base triangles that `irradiance` per vertex of what gathers look at makes bright.
+/// The bright parts of base triangles, by `irradiance` per vertex of what gathers look at, and which of its elements they are made of.
 pub(super) fn bright_parts(
     tracer: &Tracer,
     sight: &Sight,
     patches: &PatchMesh,
     irradiance: &[Rgb],
-) -> Vec<Part> {
+) -> (Vec<Part>, Vec<bool>) {
     let displayed = sight.displayed;
-    let mut roots = vec![RootSum::NOTHING; patches.of_root.len()];
+    let mesh = &displayed.mesh;
     let (mut sum, mut whole) = (0.0_f64, 0.0_f64);
-    for (index, element) in displayed.mesh.elements.iter().enumerate() {
-        let root = displayed.roots[index] as usize;
-        let corners = element.vertices.map(|v| &displayed.mesh.vertices[v as usize]);
-        let area = displayed.mesh.area(index as u32);
+    let radiance_of = |index: usize| {
+        let element = &mesh.elements[index];
         let received = element.vertices.iter().map(|&v| irradiance[v as usize]).sum::<Rgb>() / 3.0;
-        let sent = received * patches.reflectances[patches.of_root[root].0 as usize];
-        let radiance = sent.element_sum().max(0.0) / PI;
-        let of_root = &mut roots[root];
-        of_root.position += corners.iter().map(|c| c.position).sum::<Vec3>() * (area / 3.0);
-        of_root.normal += corners.iter().map(|c| c.normal).sum::<Vec3>() * area;
-        of_root.area += area;
-        of_root.radiance += radiance * area;
-        of_root.plane = tracer.planes().of(corners[0].triangle);
+        let sent =
+            received * patches.reflectances[patches.of_root[displayed.roots[index] as usize].0 as usize];
+        sent.element_sum().max(0.0) / PI
+    };
+    let radiances: Vec<f32> = (0..mesh.elements.len()).map(radiance_of).collect();
+    for (index, &radiance) in radiances.iter().enumerate() {
         // A field of large triangles must not decide what is bright in the house.
-        let counted = f64::from(area.min(sight.draft.most_weight));
+        let counted = f64::from(mesh.area(index as u32).min(sight.draft.most_weight));
         sum += f64::from(radiance) * counted;
         whole += counted;
     }
     let mean = if whole > 0.0 { (sum / whole) as f32 } else { 0.0 };
-    let is_bright =
-        |root: &RootSum| root.area > 0.0 && mean > 0.0 && root.radiance > BRIGHT * mean * root.area;
-    let mut parts: Vec<Part> = roots
-        .iter()
-        .enumerate()
-        .filter(|(_, root)| is_bright(root))
-        .map(|(index, root)| Part {
-            position: root.position / root.area,
-            normal: root.normal.normalize_or_zero(),
-            area: root.area,
-            radiance: root.radiance / root.area,
-            plane: root.plane,
-            root: index,
-            corners: sight.draft.base[index].map(|v| sight.draft.vertices[v as usize].position),
-        })
+    let is_bright: Vec<bool> =
+        radiances.iter().map(|&radiance| mean > 0.0 && radiance > BRIGHT * mean).collect();
+    // Most base triangles are one element: what is bright of others may be as small as the mesh is there.
+    let mut bright: Vec<usize> = (0..mesh.elements.len()).filter(|&index| is_bright[index]).collect();
+    bright.sort_by_key(|&index| displayed.roots[index]);
+    let mut parts: Vec<Part> = bright
+        .chunk_by(|&a, &b| displayed.roots[a] == displayed.roots[b])
+        .filter_map(|own| Part::new(tracer, sight, own, &radiances))
         .collect();
     parts.sort_by(|a, b| noise(b.radiance, b.area).total_cmp(&noise(a.radiance, a.area)));
     parts.truncate(MOST_PARTS);
-    parts
+    (parts, is_bright)
+}
+
+impl Part {
+    /// Of some elements of one base triangle, if they have an area.
+    fn new(tracer: &Tracer, sight: &Sight, elements: &[usize], radiances: &[f32]) -> Option<Self> {
+        let Displayed { mesh, roots, .. } = sight.displayed;
+        let corners = |index: usize| mesh.elements[index].vertices.map(|v| &mesh.vertices[v as usize]);
+        let (mut position, mut normal, mut area, mut radiance) = (Vec3::ZERO, Vec3::ZERO, 0.0, 0.0);
+        for &index in elements {
+            let own = mesh.area(index as u32);
+            position += corners(index).iter().map(|c| c.position).sum::<Vec3>() * (own / 3.0);
+            normal += corners(index).iter().map(|c| c.normal).sum::<Vec3>() * own;
+            area += own;
+            radiance += radiances[index] * own;
+        }
+        let normal = normal.normalize_or_zero();
+        let points = elements.iter().flat_map(|&index| corners(index)).map(|c| c.position);
+        (area > 0.0).then(|| Self {
+            position: position / area,
+            normal,
+            area,
+            radiance: radiance / area,
+            plane: tracer.planes().of(corners(elements[0])[0].triangle),
+            root: roots[elements[0]] as usize,
+            corners: outline(normal, points),
+        })
+    }
 }
 
 /// What one ray that meets so much adds to the variance, in proportion.
@@ -225,7 +243,7 @@ fn together(parts: &[Part], members: &[usize], place: PlaceId, corners: &mut Vec
 }
 
 /// The farthest points in eight directions along a surface.
-fn outline(normal: Vec3, points: impl Iterator<Item = Vec3> + Clone) -> [Vec3; OUTLINE] {
+pub(super) fn outline(normal: Vec3, points: impl Iterator<Item = Vec3> + Clone) -> [Vec3; OUTLINE] {
     let (tangent, bitangent) = frame(normal);
     let ways = [tangent, tangent + bitangent, bitangent, bitangent - tangent];
     std::array::from_fn(|index| {
@@ -261,17 +279,43 @@ fn touching(parts: &[Part]) -> Vec<usize> {
     group
 }
 
-/// Sums over the elements of a base triangle.
-#[derive(Clone, Copy, Debug)]
-struct RootSum {
-    position: Vec3,
-    normal: Vec3,
-    area: f32,
-    radiance: f32,
-    plane: PlaneId,
-}
+#[cfg(test)]
+mod tests {
+    use catoptric_scene::Scene;
 
-impl RootSum {
-    const NOTHING: Self =
-        Self { position: Vec3::ZERO, normal: Vec3::ZERO, area: 0.0, radiance: 0.0, plane: PlaneId::NONE };
+    use crate::base_mesh::coarse_patches;
+
+    use super::super::tests::floor;
+    use super::*;
+
+    #[test]
+    fn parts_are_as_small_as_the_mesh_where_it_is_refined() {
+        let scene = Scene::new(floor().0).expect("a valid scene");
+        let tracer = Tracer::new(&scene);
+        let (mut draft, patches) = coarse_patches(&tracer, 50);
+        // A disc of light of 0.3 m, on a mesh that is fine around it.
+        let (middle, radius) = (Vec3::new(2.0, 0.0, 2.0), 0.15);
+        let coarse = draft.leaves.iter().map(|leaf| draft.longest_edge(leaf)).fold(0.0, f32::max);
+        for _ in 0..8 {
+            let is_near = |&(a, b): &(u32, u32)| {
+                let [a, b] = [a, b].map(|v| draft.vertices[v as usize].position);
+                a.distance(b) > 0.1 && (a + b).distance(2.0 * middle) < 2.0 * radius + a.distance(b)
+            };
+            let marks: Vec<(u32, u32)> = draft.edges().into_iter().filter(is_near).collect();
+            draft.split(&tracer, &marks);
+        }
+        let displayed = draft.display(&tracer);
+        let light = |position: Vec3| if position.distance(middle) < radius { 1000.0 } else { 1.0 };
+        let irradiance: Vec<Rgb> =
+            displayed.mesh.vertices.iter().map(|v| Rgb::splat(light(v.position))).collect();
+        let sight = Sight { displayed: &displayed, draft: &draft, sources: &[], of_gathers: &[] };
+        let (parts, is_bright) = bright_parts(&tracer, &sight, &patches, &irradiance);
+        let off = parts.iter().flat_map(|part| part.corners).map(|c| c.distance(middle)).fold(0.0, f32::max);
+        // Elements at the border have corners in the disc, and edges of 0.1 m or, where closed, twice that.
+        assert!(!parts.is_empty() && off < radius + 0.2 && coarse > 2.0 * off, "{off} {coarse}");
+        let elements = (0..is_bright.len()).filter(|&index| is_bright[index]);
+        let area: f32 = elements.map(|index| displayed.mesh.area(index as u32)).sum();
+        let sum: f32 = parts.iter().map(|part| part.area).sum();
+        assert!((sum / area - 1.0).abs() < 1e-4 && area > PI * radius * radius, "{sum} {area}");
+    }
 }

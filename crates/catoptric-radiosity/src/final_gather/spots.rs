@@ -149,11 +149,13 @@ pub(super) struct Spots {
 impl Spots {
     /// Where `irradiance` per vertex of what gathers look at makes base triangles bright.
     pub(super) fn new(lights: &Lights, sight: &Sight, patches: &PatchMesh, irradiance: &[Rgb]) -> Self {
-        let parts = bright_parts(lights.tracer(), sight, patches, irradiance);
+        let (parts, is_bright) = bright_parts(lights.tracer(), sight, patches, irradiance);
         let mut of_root = vec![None; patches.of_root.len()];
         let mut spots = Self::among(lights, &parts, |root, place| of_root[root] = Some(place));
         if !spots.spots.is_empty() {
-            spots.of_element = sight.displayed.roots.iter().map(|&root| of_root[root as usize]).collect();
+            let of_elements = sight.displayed.roots.iter().zip(is_bright);
+            let place = |(&root, is_bright): (&u32, bool)| of_root[root as usize].filter(|_| is_bright);
+            spots.of_element = of_elements.map(place).collect();
         }
         spots
     }
@@ -259,6 +261,7 @@ mod tests {
     use catoptric_light::LightParams;
     use catoptric_trace::{PlaneId, Tracer};
 
+    use super::super::bright::outline;
     use super::super::tests::floor;
     use super::*;
 
@@ -353,6 +356,7 @@ mod tests {
             position + (tangent * cos + bitangent * sin) * reach
         };
         let corners = [0, 1, 2].map(corner);
+        let corners = outline(normal, corners.into_iter());
         Part { position, normal, area, radiance: 100.0, plane: PlaneId::NONE, root, corners }
     }
 
