@@ -217,7 +217,7 @@ mod tests {
     use super::*;
     use crate::draft::Leaf;
     use crate::field::{Found, Known, Look};
-    use crate::sharing::Sharing;
+    use crate::sharing::{Covers, Sharing};
     use crate::solve::SolveParams;
     use catoptric_scene::{Material, Scene, SceneParts, Silent};
     use catoptric_solution::Quality;
@@ -306,7 +306,7 @@ mod tests {
         let scene = face_and_floor(width, height);
         let tracer = Tracer::new(&scene);
         let mut draft = Draft::new(&tracer, spacing);
-        let sharing = Sharing::new(&tracer, &draft, spacing, 0.25 * spacing, 1000, &[]);
+        let sharing = Sharing::new(&tracer, &draft, spacing, 0.25 * spacing, Covers::Part, 1000, &[]);
         let is_back = |draft: &Draft, v: u32| draft.vertices[v as usize].position.x < 0.5;
         assert!((0..draft.vertices.len() as u32).any(|v| is_back(&draft, v) && sharing.shares(v)));
         let mut values = Values::new(sharing);
@@ -365,7 +365,7 @@ mod tests {
         let tracer = Tracer::new(&scene);
         let light = |inside_rounds: u32| -> f32 {
             let mut draft = Draft::new(&tracer, spacing);
-            let sharing = Sharing::new(&tracer, &draft, spacing, 0.25 * spacing, 1000, &[]);
+            let sharing = Sharing::new(&tracer, &draft, spacing, 0.25 * spacing, Covers::Part, 1000, &[]);
             let mut values = Values::new(sharing);
             let params =
                 RefineParams { blur: BLUR, short_edge: 0.125 * spacing, inside_rounds, ..standard() };

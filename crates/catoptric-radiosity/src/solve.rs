@@ -28,7 +28,7 @@ use crate::patch::{PatchId, PatchMesh};
 use crate::reconstruct::{Cells, Reconstruction, unshared};
 use crate::refine::{RefineParams, refine};
 use crate::rows::{PatchLocator, Row, rows};
-use crate::sharing::Sharing;
+use crate::sharing::{Covers, Sharing};
 use crate::solver::{SolverParams, Stop};
 use crate::source_light::{SourceField, SourceLight, split_glints};
 
@@ -276,7 +276,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let base_vertices = draft.vertices.len();
     let field = SourceField::new(&lights, params, base_vertices);
     let budget = SHARED_PER_TRIANGLE * params.base_triangles;
-    let sharing = Sharing::new(tracer, &draft, spacing, SOURCE_CELL * spacing, budget, &[]);
+    let sharing = Sharing::new(tracer, &draft, spacing, SOURCE_CELL * spacing, Covers::Part, budget, &[]);
     let mut values = Values::new(sharing);
     let source_params = RefineParams {
         min_edge: tracer.extent().inner.diagonal as f32 / 2000.0,
@@ -425,7 +425,8 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     let sight =
         Sight { displayed: &displayed, draft: &draft, sources: &values.values, of_gathers: &of_gathers };
     let hidden = near.hidden_vertices(&mesh_of_gathers);
-    let sharing = Sharing::new(tracer, &mesh_of_gathers, spacing, GATHER_CELL * spacing, budget, &hidden);
+    let sharing =
+        Sharing::new(tracer, &mesh_of_gathers, spacing, GATHER_CELL * spacing, Covers::Dim, budget, &hidden);
     let gathered = final_gather(
         &lights,
         &sight,

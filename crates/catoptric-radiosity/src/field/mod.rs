@@ -405,6 +405,7 @@ mod tests {
 
     use super::*;
     use crate::base_mesh::coarse_patches;
+    use crate::sharing::Covers;
     use crate::solve::SolveParams;
     use catoptric_scene::{Material, Scene, SceneParts, Silent};
     use catoptric_solution::Quality;
@@ -518,7 +519,7 @@ mod tests {
         let tracer = Tracer::new(&scene);
         let (draft, _) = coarse_patches(&tracer, 200);
         // Cubes of three edges: most vertices take what a few find.
-        let sharing = Sharing::new(&tracer, &draft, 1.0, 0.3, 1000, &[]);
+        let sharing = Sharing::new(&tracer, &draft, 1.0, 0.3, Covers::Part, 1000, &[]);
         let mut values = Values::new(sharing);
         let field = Learner::default();
         values.extend(&draft, &field, &standard(), &Silent).expect("not cancelled");

@@ -305,6 +305,7 @@ mod tests {
     use crate::draft::DraftVertex;
     use crate::lattice::Lattice;
     use crate::near::NearParams;
+    use crate::sharing::Covers;
 
     fn is_on_floor(vertex: &DraftVertex) -> bool {
         vertex.position.y == 0.0 && vertex.normal == Vec3::Y
@@ -343,7 +344,7 @@ mod tests {
             irradiance: &irradiance,
             sources: &irradiance,
             mean: 0.3,
-            sharing: &Sharing::new(&tracer, &finer, spacing, 0.1 * spacing, 1000, &[]),
+            sharing: &Sharing::new(&tracer, &finer, spacing, 0.1 * spacing, Covers::Part, 1000, &[]),
             spacing,
             walk: &WalkParams::default(),
             seed: 0,
