@@ -2,11 +2,12 @@
 //! it, or below a shelf: their mesh is finer there. Surfaces send what sources and the coarse solution bring them: the wall below a shelf that is
 //! lit by other walls alone has an edge of shadow, too.
 //!
-//! The file `look` sends rays, `spill` knows where light comes through gaps, `places` what small bright places, near or far, have in their way.
+//! The file `look` sends rays, `beside` knows what bright places send to what is near them, `spill` knows where light comes through gaps, `places` what small bright places, near or far, have in their way.
 //!
 //! Few rays tell, since the ends of an edge and its middle send the same: what they see in the distance, and the noise of it, is
 //! the same, too.
 
+mod beside;
 mod look;
 mod places;
 mod spill;
@@ -66,6 +67,10 @@ struct Known {
     seen: Vec<Option<Seen>>,
     /// What bright places send there, likewise.
     lit: Vec<Option<Lit>>,
+    /// … by the exact form of those beside them, if nothing is in the way, …
+    free: Vec<Option<f32>>,
+    /// … and as it is.
+    beside: Vec<Option<f32>>,
 }
 
 impl Known {
@@ -124,6 +129,8 @@ impl NearLight<'_> {
             all: largest(self.irradiance),
             seen: Vec::new(),
             lit: Vec::new(),
+            free: Vec::new(),
+            beside: Vec::new(),
         };
         let places = Places::new(self, draft.most_weight);
         let more = ((params.share * draft.roots as f32) as usize).min(params.max_triangles);
@@ -160,6 +167,7 @@ impl NearLight<'_> {
                     self.tolerance(draft, ends, params) * (there + params.floor * self.mean)
                 };
                 let wide = WIDE * self.spacing;
+                marks.extend(places.bent_beside(self.tracer, draft, &candidates, &mut known, left_alone));
                 marks.extend(places.bent(self.tracer, draft, candidates, &mut known, wide, left_alone));
                 marks.sort_by(|x, y| x.1.cmp(&y.1).then(y.0.total_cmp(&x.0)));
                 marks.dedup_by_key(|mark| mark.1);
@@ -520,5 +528,36 @@ mod tests {
             assert!(dark > 0.4 && lit < 0.7 * dark, "{share}: {lit} m, {dark} m without light");
             assert_eq!(dark_elsewhere, lit_elsewhere, "{share}");
         }
+    }
+
+    /// Longest edge of the wall's triangles around a patch of 0.12 m on the floor that ends at the wall, and far from it; the patch is dark, or sends a
+    /// hundredth of what bright places do. The rest is sent, unseen, by a shelf below the ceiling.
+    fn edges_beside_patch(is_lit: bool) -> [f32; 2] {
+        let draft = refined(
+            |parts, white| {
+                parts.add_quad("ceiling", white, Vec3::new(-2.0, 2.0, -2.0), Vec3::X * 4.0, Vec3::Z * 4.0);
+                parts.add_box("shelf", white, Vec3::new(-1.9, 1.8, 1.6), Vec3::new(-1.6, 1.81, 1.9), false);
+            },
+            |v| {
+                let p = v.position;
+                let is_patch = is_on_floor(v) && (p.x - 0.37).abs() < 0.06 && p.z < -1.88;
+                let is_shelf = p.y == 1.81 && v.normal == Vec3::Y;
+                100.0 * (share(is_lit && is_patch) + 10.0 * share(is_shelf))
+            },
+        );
+        [0.37, -1.5].map(|x| {
+            let along = (-4..5).map(|step| 0.02 * step as f32);
+            longest_at(&draft, along.flat_map(|off| [0.01, 0.05].map(|y| Vec3::new(x + off, y, -2.0))))
+        })
+    }
+
+    #[test]
+    fn a_wall_is_fine_beside_a_small_patch_of_light_on_the_floor() {
+        let [[dark, _], [lit, elsewhere]] = [false, true].map(edges_beside_patch);
+        // None of 32 points need lie on the patch. Edges are as short as it is, and far off as they are without it.
+        assert!(
+            dark > 0.4 && lit < 0.12 && elsewhere > 0.4,
+            "{lit} m, {dark} m without light, {elsewhere} m"
+        );
     }
 }

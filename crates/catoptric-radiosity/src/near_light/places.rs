@@ -11,8 +11,10 @@ use catoptric_trace::sequence::{Key, Purpose, triangle_point};
 use catoptric_trace::{PlaneId, Tracer};
 use glam::Vec3;
 
+use crate::JOB;
 use crate::draft::Draft;
 
+use super::beside::{Beside, Bright};
 use super::look::{Surplus, at_asked};
 use super::{Known, NearLight};
 
@@ -24,6 +26,10 @@ const POINTS: u32 = 256;
 const BRIGHT: f32 = 8.0;
 /// Share of all light that bright places send, at least, where their shadows are looked for.
 const LEAST: f64 = 0.1;
+
+/// Places no farther off than this multiple of an edge's length are beside it: the light of others bends by an eighth of six times the inverse of
+/// its square at most, a fifth of that light, and points tell.
+const NEAR: f32 = 2.0;
 
 /// A point on a bright place.
 #[derive(Clone, Copy, Debug)]
@@ -46,6 +52,7 @@ pub(super) struct Places {
     sent: f32,
     /// Area that each of few points stands for, m².
     area: f32,
+    beside: Beside,
 }
 
 impl Places {
@@ -93,7 +100,17 @@ impl Places {
         }
         let unused = u32::BITS - POINTS.trailing_zeros();
         let turned = (0..POINTS).filter_map(|k| ordered.get((k.reverse_bits() >> unused) as usize).copied());
-        Self { points: turned.collect(), sent: sent as f32, area: area as f32 / FEW_POINTS as f32 }
+        let element = |(element, &(radiance, area)): (usize, &(f32, f32))| {
+            let corners = mesh.elements[element].vertices.map(|v| &mesh.vertices[v as usize]);
+            let plane = light.tracer.planes().of(corners[0].triangle);
+            Bright { corners: corners.map(|c| c.position), normal: corners[0].normal, plane, radiance, area }
+        };
+        Self {
+            points: turned.collect(),
+            sent: sent as f32,
+            area: area as f32 / FEW_POINTS as f32,
+            beside: Beside::new(bright().map(element).collect()),
+        }
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -156,6 +173,59 @@ impl Places {
             points *= 2;
         }
         bent
+    }
+
+    /// The edges in whose middle the light of places beside them is not what the ends foretell, likewise: however small these are, by their
+    /// exact form.
+    pub(super) fn bent_beside(
+        &self,
+        tracer: &Tracer,
+        draft: &mut Draft,
+        candidates: &[(u32, u32)],
+        known: &mut Known,
+        left_alone: impl Fn(&Draft, (u32, u32), f32) -> f32 + Sync,
+    ) -> Vec<(f32, (u32, u32))> {
+        let bend = |[one, own, other]: [f32; 3]| (own - 0.5 * (one + other)).abs();
+        let middle = |draft: &Draft, (a, b): (u32, u32)| {
+            let [from, to] = [a, b].map(|v| &draft.vertices[v as usize]);
+            (0.5 * (from.sample + to.sample), (from.normal + to.normal).normalize_or_zero())
+        };
+        let is_near = |ends: &(u32, u32)| {
+            let (point, normal) = middle(draft, *ends);
+            self.beside.is_near(point, normal, NEAR * draft.length(*ends))
+        };
+        let near = candidates.par_iter().with_min_len(64).copied().filter(is_near);
+        let near: Vec<(u32, u32)> = near.collect();
+        let ends = near.iter().flat_map(|&(a, b)| [a, b]).collect();
+        at_asked(draft, ends, &mut known.free, |vertex, free| {
+            free.get_or_insert_with(|| {
+                let at = &draft.vertices[vertex as usize];
+                self.beside.free(at.sample, at.normal)
+            });
+        });
+        // Most see no more of them than points tell, even if nothing is in the way.
+        let is_bent = |&(a, b): &(u32, u32)| {
+            let [Some(one), Some(other)] = [a, b].map(|v| known.free[v as usize]) else { return false };
+            let (point, normal) = middle(draft, (a, b));
+            let own = self.beside.free(point, normal);
+            let there = 0.5 * (known.all[a as usize] + known.all[b as usize]);
+            bend([one, own, other]) > left_alone(draft, (a, b), there.max(own))
+        };
+        let own = near.par_iter().with_max_len(JOB).copied().filter(is_bent);
+        let candidates: Vec<(u32, u32)> = own.collect();
+        draft.make_midpoints(tracer, &candidates);
+        let middles: Vec<u32> = candidates.iter().map(|&(a, b)| draft.midpoint(tracer, a, b)).collect();
+        known.fill(draft);
+        let asked = candidates.iter().zip(&middles).flat_map(|(&(a, b), &middle)| [a, b, middle]).collect();
+        at_asked(draft, asked, &mut known.beside, |vertex, seen| {
+            seen.get_or_insert_with(|| self.beside.seen(tracer, &draft.gatherer(tracer, vertex)));
+        });
+        let excess = |(ends, middle): ((u32, u32), u32)| {
+            let [one, own, other] = [ends.0, middle, ends.1].map(|v| known.beside[v as usize].unwrap_or(0.0));
+            let there = known.all[middle as usize].max(own);
+            (bend([one, own, other]) / left_alone(draft, ends, there), ends)
+        };
+        candidates.into_iter().zip(middles).map(excess).filter(|mark| mark.0 > 1.0).collect()
     }
 
     /// Has vertices look at so many points that have not yet.
