@@ -5,9 +5,10 @@ use glam::DVec3;
 use catoptric_scene::{Barycentric, Lobe, Rgb, Side, Surface, TriangleId};
 use catoptric_trace::chain::Event;
 use catoptric_trace::plane::Plane;
-use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame, triangle_point};
-use catoptric_trace::{PlaneId, Ray, Tracer};
+use catoptric_trace::sequence::triangle_point;
+use catoptric_trace::{PlaneId, Tracer};
 
+use crate::broad;
 use crate::contour::{self, Polygon};
 use crate::lamp::Lamp;
 use crate::light_tree::LightTree;
@@ -137,8 +138,13 @@ impl Cell {
         f64::from(self.radiance.element_sum()) * self.lobe.peak() * self.area
     }
 
+    /// Whether a triangle is one of its own.
+    pub(crate) fn holds(&self, triangle: TriangleId) -> bool {
+        self.triangles.contains(&triangle)
+    }
+
     /// Whether a straight line meets the emitting side.
-    fn meets(&self, origin: DVec3, direction: DVec3) -> bool {
+    pub(crate) fn meets(&self, origin: DVec3, direction: DVec3) -> bool {
         let towards = -self.normal.dot(direction);
         if towards <= 0.0 {
             return false;
@@ -185,15 +191,6 @@ pub struct Emitters {
     is_broad: Vec<bool>,
     triangles: usize,
 }
-
-/// Diffuse cells above this share of the scene's area, and of what its diffuse surfaces see, are broad. Hemisphere rays find them with little noise, and with the
-/// unoccluded irradiance as control variate with none where nothing blocks; shadow rays and images of whole glowing
-/// walls would add the noise that a furnace of mirrors and emitters does not have.
-const BROAD_SHARE: f64 = 0.04;
-/// Rays that decide what is broad: a share of 4 % is seen with an error of 0.4 %.
-const VIEW_RAYS: u32 = 2048;
-/// Each broad cell is asked by every hemisphere ray.
-const MAX_BROAD: usize = 16;
 
 /// Each receiver asks every lamp.
 const MAX_LAMPS: usize = 256;
@@ -253,19 +250,7 @@ impl Emitters {
 
     /// Takes the broad cells out of the list.
     fn separate_broad(&mut self, tracer: &Tracer) {
-        let scene = tracer.scene();
-        let total: f64 =
-            (0..scene.triangles().len()).map(|t| f64::from(scene.area(TriangleId(t as u32)))).sum();
-        let is_large = |c: &Cell| !c.textured && c.lobe.is_diffuse() && c.area > BROAD_SHARE * total;
-        let large: Vec<usize> = (0..self.cells.len()).filter(|&i| is_large(&self.cells[i])).collect();
-        if large.is_empty() || large.len() > MAX_BROAD {
-            return;
-        }
-        let seen = self.shares_seen(tracer);
-        let broad: Vec<usize> = large
-            .into_iter()
-            .filter(|&i| self.cells[i].triangles.iter().any(|t| seen[t.index()] > BROAD_SHARE))
-            .collect();
+        let broad = broad::broad(tracer, &self.cells);
         for &index in &broad {
             let cell = self.cells[index];
             self.broad.push(cell);
@@ -278,38 +263,6 @@ impl Emitters {
             index += 1;
             !broad.contains(&(index - 1))
         });
-    }
-
-    /// Share of the diffuse surfaces' view that each triangle takes up: a large lamp outside of a window is not broad.
-    fn shares_seen(&self, tracer: &Tracer) -> Vec<f64> {
-        let scene = tracer.scene();
-        let mut sums = Vec::with_capacity(scene.triangles().len());
-        let mut area = 0.0_f64;
-        for index in 0..scene.triangles().len() {
-            let triangle = TriangleId(index as u32);
-            if scene.material_of(triangle).may_be_diffuse() {
-                area += f64::from(scene.area(triangle));
-            }
-            sums.push(area);
-        }
-        let mut seen = vec![0.0; scene.triangles().len()];
-        let key = Key::new(0, Purpose::EmitterChoice, 0);
-        for ray in 0..VIEW_RAYS {
-            let pick = f64::from(key.point1(ray)) * area;
-            let index = sums.partition_point(|&s| s <= pick).min(sums.len().saturating_sub(1));
-            let triangle = TriangleId(index as u32);
-            let (u, v) = triangle_point(key.child(1).point2(ray));
-            let normal = scene.geometric_normal(triangle);
-            let (tangent, bitangent) = frame(normal);
-            let local = cosine_hemisphere(key.child(2).point2(ray));
-            let origin = scene.position(triangle, Barycentric { u, v });
-            let direction = tangent * local.x + bitangent * local.y + normal * local.z;
-            let ray = Ray { origin, direction, from: tracer.planes().of(triangle) };
-            if let Some(hit) = tracer.nearest(&ray, f32::INFINITY) {
-                seen[hit.triangle.index()] += 1.0 / f64::from(VIEW_RAYS);
-            }
-        }
-        seen
     }
 
     /// Broad emitters.

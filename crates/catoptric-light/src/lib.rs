@@ -2,6 +2,7 @@
 //!
 //! Does not know patches, meshes or cameras.
 
+mod broad;
 mod chain_tree;
 pub mod chains;
 pub mod contour;
