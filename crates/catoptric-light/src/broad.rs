@@ -5,7 +5,10 @@
 //! 1.22), since the rest of the view needs fewer rays then. Not where many images of it are seen, or where it is cut into strips by what stands
 //! right before it, as a window behind blinds: as sources these make half of the noise in three times the time, or more.
 
+use std::collections::BTreeSet;
+
 use catoptric_scene::{Barycentric, Rgb, TriangleId};
+use catoptric_trace::chain::Event;
 use catoptric_trace::sequence::{Key, Purpose, cosine_hemisphere, frame, triangle_point};
 use catoptric_trace::walk::{self, WalkParams};
 use catoptric_trace::{Ledger, MediumStack, Ray, Tracer};
@@ -18,6 +21,8 @@ const LARGE: f64 = 0.04;
 const VIEW: f64 = 0.4;
 /// Share of what is seen of them that is seen over two mirrors or more, from which on they have many images.
 const MANY_IMAGES: f64 = 0.1;
+/// Planes of flat mirrors, panes and coats, small ones such as those of a mirror ball among them, above which it has many images wherever they are seen.
+const MANY_MIRRORS: usize = 8;
 /// What hides a cell stands right before it within this share of the root of its area, …
 const RIGHT_BEFORE: f64 = 0.1;
 /// … and cuts it into strips if it hides so much, as a share of what is seen of all.
@@ -53,8 +58,21 @@ pub(crate) fn broad(tracer: &Tracer, cells: &[Cell]) -> Vec<usize> {
     let mut seen = outlook.seen.iter();
     large.retain(|_| seen.next().is_some_and(|&share| share > LARGE));
     let all: f64 = outlook.seen.iter().sum();
-    let is_broad = all > VIEW || outlook.far > MANY_IMAGES * all || outlook.hidden > STRIPS * all;
+    let is_broad = all > VIEW
+        || outlook.far > MANY_IMAGES * all
+        || outlook.hidden > STRIPS * all
+        || flat_mirrors(tracer) > MANY_MIRRORS;
     if is_broad { large } else { Vec::new() }
+}
+
+/// The number of planes that reflect.
+fn flat_mirrors(tracer: &Tracer) -> usize {
+    let triangles = (0..tracer.scene().triangles().len() as u32).map(TriangleId);
+    let planes = triangles.filter_map(|triangle| match tracer.reflection(triangle) {
+        Event::Planar(plane) | Event::Facet(plane) => Some(plane.0),
+        _ => None,
+    });
+    planes.collect::<BTreeSet<u32>>().len()
 }
 
 impl Outlook {
@@ -161,6 +179,18 @@ mod tests {
         // A fifth of what a room sees, with a mirror or without.
         assert_eq!(count(|parts, [w, _, l]| add_room(parts, [w, l, w, w, w, w])), 0);
         assert_eq!(count(|parts, [w, m, l]| add_room(parts, [w, l, w, m, w, w])), 0);
+        // Each tile of a mirror has an image of its own.
+        let tiles = |tiles: u8| {
+            count(|parts, [white, mirror, lamp]| {
+                add_room(parts, [white, lamp, white, white, white, white]);
+                for tile in 0..tiles {
+                    let corner = Vec3::new(0.4 * f32::from(tile), 0.01, 1.0);
+                    let tilted = Vec3::new(0.3, 0.01 * f32::from(tile), 0.0);
+                    parts.add_quad("tile", mirror, corner, Vec3::Z, tilted);
+                }
+            })
+        };
+        assert_eq!([tiles(8), tiles(9)], [0, 1]);
     }
 
     #[test]
