@@ -254,9 +254,12 @@ impl Around<'_> {
         let arriving = (inverse * near().fold(Vec3::ZERO, add)).x;
         let is_known = request.is_as_expected(arriving);
         (are_near && is_known).then(|| {
-            let [direct, mirrored] = planes.map(|plane| {
-                let irradiance = plane.x_axis.max(Rgb::ZERO);
-                Part { irradiance, unoccluded: irradiance, ..Part::default() }
+            // What few rays found in the dark of something is no less grainy by a plane.
+            let is_grainy =
+                |term: usize| near().any(|(_, _, record)| record.deviation[term] > most * request.arriving);
+            let [direct, mirrored] = [0, 1].map(|term| {
+                let irradiance = planes[term].x_axis.max(Rgb::ZERO);
+                Part { irradiance, unoccluded: irradiance, penumbra: is_grainy(term), ..Part::default() }
             });
             SourceLight { direct, mirrored }
         })
@@ -376,6 +379,24 @@ mod tests {
         assert!(other(|request| request.place.terms = [true, false]).is_some());
         assert!(other(|request| request.receiver.position.x += 1.0).is_none());
         assert!(other(|request| request.pixel = 0.03).is_none());
+    }
+
+    #[test]
+    fn what_is_recalled_of_grainy_records_counts_as_a_penumbra() {
+        // A fiftieth of the 4 that arrive is 0.08.
+        let grainy = |deviation: f32| {
+            let mut records = known(|_| 1.0);
+            for index in 0..WIDTH * WIDTH {
+                let at = [index % WIDTH, index / WIDTH].map(|at| at as f32 + 0.5);
+                let mut own = found(1.0);
+                own.direct.split = Rgb::splat(2.0 * deviation);
+                records.replace(index, &[request(at, 4.0)], &[own]);
+            }
+            let recalled = around(&records, [4, 4], 0).recall(&[], &request([4.5, 4.5], 4.0));
+            let recalled = recalled.expect("they lie in a plane");
+            [recalled.direct.penumbra, recalled.mirrored.penumbra]
+        };
+        assert_eq!([0.0, 0.07, 0.09].map(grainy), [[false; 2], [false; 2], [true, false]]);
     }
 
     #[test]
