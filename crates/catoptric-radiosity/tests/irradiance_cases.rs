@@ -319,7 +319,7 @@ fn guided_rays_go_on_over_mirrors() {
     });
     let exact = lambert(&image) as f32;
     for (straight, over) in straight.into_iter().zip(over) {
-        // By 32 rays in the window, of which three quarters meet it.
+        // By 32 rays in the window, of which three quarters meet it: five times the √(1/3 · 1/32) of independent ones.
         assert!((straight / exact - 1.0).abs() < 0.5, "{straight} of {exact}");
         // Roundings of places beside the border.
         assert!((over / (0.9 * straight) - 1.0).abs() < 1e-3, "{over} for {straight}");

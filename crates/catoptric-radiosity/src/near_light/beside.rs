@@ -29,6 +29,12 @@ pub(super) struct Bright {
     pub(super) area: f32,
 }
 
+impl Bright {
+    fn middle(&self) -> Vec3 {
+        self.corners.iter().sum::<Vec3>() / 3.0
+    }
+}
+
 /// Some of them.
 #[derive(Clone, Copy, Debug)]
 struct Node {
@@ -80,33 +86,32 @@ impl Beside {
     /// Appends the node of some elements, and all in it.
     fn push(&mut self, own: &mut [u32]) {
         let place = self.nodes.len();
-        let middle = |e: &Bright| e.corners.iter().sum::<Vec3>() / 3.0;
         let (mut center, mut axis, mut sent) = (Vec3::ZERO, Vec3::ZERO, 0.0);
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for element in own.iter().map(|&index| &self.elements[index as usize]) {
             let power = element.radiance * element.area;
-            center += middle(element) * power;
+            center += element.middle() * power;
             axis += element.normal * power;
             sent += power;
-            (low, high) = (low.min(middle(element)), high.max(middle(element)));
+            (low, high) = (low.min(element.middle()), high.max(element.middle()));
         }
         let share = 1.0 / sent.max(f32::MIN_POSITIVE);
         let center = center * share;
-        let away = |index: &u32| middle(&self.elements[*index as usize]).distance_squared(center);
+        let away = |index: &u32| self.elements[*index as usize].middle().distance_squared(center);
         let corners = own.iter().flat_map(|&index| self.elements[index as usize].corners);
         let radius = corners.map(|corner| corner.distance(center)).fold(0.0, f32::max);
         let element = own.iter().copied().min_by(|a, b| away(a).total_cmp(&away(b)).then(a.cmp(b)));
         let element = element.unwrap_or(0);
         let axis = axis * share;
         let is_flat = own.iter().map(|&index| &self.elements[index as usize]).all(|element| {
-            let off = (middle(element) - center).dot(axis).abs();
+            let off = (element.middle() - center).dot(axis).abs();
             element.normal.dot(axis) > FLAT && off <= IN_PLANE * radius
         });
         self.nodes.push(Node { center, axis, radius, is_flat, sent, end: 0, element });
         if own.len() > 1 {
             let extent = high - low;
             let longest = extent.max_position();
-            let along = |index: &u32| middle(&self.elements[*index as usize])[longest];
+            let along = |index: &u32| self.elements[*index as usize].middle()[longest];
             let half = own.len() / 2;
             own.select_nth_unstable_by(half, |a, b| along(a).total_cmp(&along(b)).then(a.cmp(b)));
             let (one, other) = own.split_at_mut(half);
@@ -180,8 +185,8 @@ impl Beside {
     /// Irradiance at a receiver.
     pub(super) fn seen(&self, tracer: &Tracer, receiver: &Receiver) -> f32 {
         self.irradiance(receiver.position, receiver.normal, |element| {
-            let middle = element.corners.iter().sum::<Vec3>() / 3.0;
-            tracer.visibility(receiver.position, receiver.plane, middle, element.plane) != Rgb::ZERO
+            let (from, to) = (receiver.position, element.middle());
+            tracer.visibility(from, receiver.plane, to, element.plane) != Rgb::ZERO
         })
     }
 }
