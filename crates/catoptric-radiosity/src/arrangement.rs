@@ -23,24 +23,27 @@ pub(crate) fn distinct(mut triangles: Vec<[DVec2; 3]>, tolerance: f64) -> Vec<[D
     triangles
 }
 
-/// Edges that only one triangle of the face has.
+/// Edges that only one of some triangles has.
 pub(crate) fn outline(triangles: &[[DVec2; 3]], tolerance: f64) -> Vec<Segment> {
+    borders(triangles, tolerance).into_iter().map(|(segment, _)| segment).collect()
+}
+
+/// The same, each with the third corner of its triangle.
+pub(crate) fn borders(triangles: &[[DVec2; 3]], tolerance: f64) -> Vec<(Segment, DVec2)> {
     let mut points = Points::new(tolerance);
-    let mut count: std::collections::BTreeMap<(u32, u32), u32> = std::collections::BTreeMap::new();
+    let mut count: std::collections::BTreeMap<(u32, u32), (u32, u32)> = std::collections::BTreeMap::new();
     for triangle in triangles {
         let ids = triangle.map(|p| points.id(p));
         for k in 0..3 {
-            let (a, b) = (ids[k], ids[(k + 1) % 3]);
+            let [a, b, c] = [0, 1, 2].map(|i| ids[(k + i) % 3]);
             if a != b {
-                *count.entry((a.min(b), a.max(b))).or_default() += 1;
+                count.entry((a.min(b), a.max(b))).or_insert((0, c)).0 += 1;
             }
         }
     }
-    count
-        .into_iter()
-        .filter(|&(_, n)| n == 1)
-        .map(|((a, b), _)| [points.list[a as usize], points.list[b as usize]])
-        .collect()
+    let point = |id: u32| points.list[id as usize];
+    let once = count.into_iter().filter(|&(_, (triangles, _))| triangles == 1);
+    once.map(|((a, b), (_, third))| ([a, b].map(point), point(third))).collect()
 }
 
 /// Points, welded by distance.

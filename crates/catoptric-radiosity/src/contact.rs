@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use catoptric_scene::{Scene, TriangleId};
 use catoptric_trace::{BoxTree, Tracer};
 
-use crate::arrangement::{Points, outline};
+use crate::arrangement::{Points, borders};
 use crate::face::FaceDraft;
 
 mod crossing;
@@ -19,7 +19,7 @@ mod plates;
 
 use crossing::{clip, crossing};
 use feet::{Feet, SHORT, by_height, foot, is_leaning};
-use plates::{HANGING, SOFT, is_parallel, plates};
+use plates::{HANGING, SOFT, is_parallel, outwards, plates};
 
 /// A segment in the plane coordinates of a face.
 pub type Segment = [DVec2; 2];
@@ -34,8 +34,8 @@ pub struct Contact {
     /// Light differs on its two sides. Not so behind what hangs higher before the face than a share of its own size: shadow sets in
     /// there, and goes on.
     pub parts: bool,
-    /// Where something flat and upright stands on the face: the way from the line to what it darkens, unit length in the plane of the
-    /// face times the height of the lowest, metres. Zero elsewhere.
+    /// Where something flat and upright stands on the face, or flat and parallel hangs before it and parts the light: the way from the line
+    /// to what it darkens, unit length in the plane of the face times the height of the lowest, metres. Zero elsewhere.
     pub foot: DVec2,
 }
 
@@ -170,8 +170,9 @@ impl Obstacles {
         for plate in hanging.iter().flat_map(|triangles| plates(triangles, tolerance)) {
             let size = area(&plate.triangles).sqrt();
             let parts = plate.height < (SOFT * size).max(finest);
-            for segment in outline(&plate.triangles, tolerance) {
-                segments.push(Contact { gap: plate.height, parts, ..Contact::touching(segment) });
+            for (segment, inside) in borders(&plate.triangles, tolerance) {
+                let foot = if parts { outwards(segment, inside) * plate.height } else { DVec2::ZERO };
+                segments.push(Contact { gap: plate.height, parts, foot, ..Contact::touching(segment) });
             }
         }
         let touching = segments.list.len();
@@ -375,6 +376,11 @@ mod tests {
         lines[floor].clone()
     }
 
+    /// Mean of the middles of lines.
+    fn middle(lines: &[Contact]) -> DVec2 {
+        lines.iter().map(|c| 0.5 * (c.segment[0] + c.segment[1])).sum::<DVec2>() / lines.len() as f64
+    }
+
     /// Behind a plate just before a wall nobody looks; below a ball, of which each facet is nearly level beside the gap, one
     /// does.
     #[test]
@@ -386,6 +392,12 @@ mod tests {
         let lines = on_floor(plate);
         assert!((4..=8).contains(&lines.len()), "{lines:?}");
         assert!(lines.iter().all(|c| (c.gap - 0.01).abs() < 1e-6), "{lines:?}");
+        // What it darkens is outside of it, as far as it hangs.
+        for Contact { segment: [a, b], foot, .. } in &lines {
+            let outwards = 0.5 * (*a + *b) - middle(&lines);
+            assert!(foot.dot(*b - *a).abs() < 1e-6 && foot.dot(outwards) > 0.0, "{lines:?}");
+            assert!((foot.length() - 0.01).abs() < 1e-6, "{lines:?}");
+        }
         let ball = |p: &mut SceneParts, m| p.add_sphere("ball", m, Vec3::new(2.0, 0.301, 2.0), 0.3, 24);
         assert!(on_floor(ball).is_empty());
     }
@@ -400,8 +412,7 @@ mod tests {
         });
         let standing: Vec<&Contact> = lines.iter().filter(|c| c.foot != DVec2::ZERO).collect();
         assert!(!standing.is_empty());
-        let center = DVec2::ZERO
-            + lines.iter().map(|c| 0.5 * (c.segment[0] + c.segment[1])).sum::<DVec2>() / lines.len() as f64;
+        let center = middle(&lines);
         for contact in standing {
             assert!((contact.foot.length() - f64::from(height)).abs() < 1e-6, "{contact:?}");
             // Away from the box, square to its side.

@@ -261,7 +261,7 @@ mod tests {
     use crate::contact::Obstacles;
     use crate::detail::is_inside;
     use crate::face::faces;
-    use catoptric_scene::{Material, Radiance, Rgb, Scene, SceneParts};
+    use catoptric_scene::{Material, MaterialId, Radiance, Rgb, Scene, SceneParts};
 
     /// A large floor with a ball above it, far from every vertex of the floor's base triangles.
     fn ball_on_a_floor(radius: f32) -> Scene {
@@ -333,46 +333,70 @@ mod tests {
         assert!(draft.vertices.iter().any(|v| v.position.distance(high) < 1e-5), "a vertex at its corner");
     }
 
-    /// A batten of 4 cm on a wall, as the frame of a mirror is: the dark at its foot is as narrow all along it, not just where its own
-    /// vertices look; half-discs of dark would show where they do not.
-    #[test]
-    fn a_wall_is_as_fine_all_along_the_foot_of_what_is_low() {
-        let (height, spacing) = (0.04_f32, 0.4);
+    /// A wall of 4 m with what `build` puts on it from `low` to `high`, and the longest edge of what holds a place of it, in the mesh of the gathers.
+    fn beside(
+        (low, high): (Vec3, Vec3),
+        build: impl FnOnce(&mut SceneParts, MaterialId, Vec3, Vec3),
+    ) -> impl Fn(Vec3) -> f32 {
         let mut parts = SceneParts::default();
         let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
         let corner = Vec3::new(-2.0, 0.0, 2.0);
         parts.add_quad("wall", white, corner, Vec3::X * 4.0, Vec3::Z * -4.0);
-        // Both long sides, and the top.
-        let (low, high) = (Vec3::new(-0.9, 0.0, 0.1), Vec3::new(0.9, 0.0, 0.03));
-        let along = Vec3::X * 1.8;
-        parts.add_quad("side", white, low, along, Vec3::Y * height);
-        parts.add_quad("other side", white, high, -along, Vec3::Y * height);
-        parts.add_quad("top", white, low + Vec3::Y * height, along, Vec3::Z * -0.07);
+        build(&mut parts, white, low, high);
         let scene = Scene::new(parts).expect("a valid scene");
         let tracer = Tracer::new(&scene);
-        let lattice = Lattice::even(spacing);
+        let lattice = Lattice::even(SPACING);
         let params =
             NearParams { ratio: 1.2, rounds: 0, detail_rounds: 4, detail_share: 9.0, max_details: 5000 };
-        let finest = params.finest(spacing);
+        let finest = params.finest(SPACING);
         let mut draft = Draft::on(&tracer, &Obstacles::new(&tracer), faces(&tracer), &lattice, finest);
-        let near = Near::new(&tracer, &draft, &draft.display(&tracer), spacing, 0);
+        let near = Near::new(&tracer, &draft, &draft.display(&tracer), SPACING, 0);
         near.refine(&tracer, &mut draft, &params, &lattice, 0);
         let corners = |leaf: &crate::draft::Leaf| leaf.vertices.map(|v| draft.vertices[v as usize].position);
-        let longest_at = |place: Vec3| {
-            let on_wall = |c: &[Vec3; 3]| c.iter().all(|p| p.y == 0.0) && is_inside(place, *c);
-            let [a, b, c] = draft.leaves.iter().map(corners).find(on_wall).expect("the wall has no hole");
+        let leaves: Vec<[Vec3; 3]> = draft.leaves.iter().map(corners).collect();
+        move |place: Vec3| {
+            let on_wall = |c: &&[Vec3; 3]| c.iter().all(|p| p.y == 0.0) && is_inside(place, **c);
+            let [a, b, c] = *leaves.iter().find(on_wall).expect("the wall has no hole");
             (b - a).length().max((c - b).length()).max((a - c).length())
-        };
-        for step in 0..60 {
-            let x = -0.88 + 1.76 * step as f32 / 59.0;
-            for z in [low.z + 0.5 * height, high.z - 0.5 * height] {
-                let longest = longest_at(Vec3::new(x, 0.0, z));
-                // Triangles that hold a detail are halved until edges are 1.2 times its size. Details lie `height` apart; between two of them
-                // there may be the half of one that is twice as large.
-                assert!(longest < 2.0 * 1.2 * height + 1e-4, "{longest} at {x}, {z}");
-            }
         }
-        assert!(longest_at(Vec3::new(0.0, 0.0, 1.0)) > 0.5 * spacing);
+    }
+
+    /// Edges of the wall's own mesh, about.
+    const SPACING: f32 = 0.4;
+    /// What lies low on it.
+    const HEIGHT: f32 = 0.04;
+
+    /// A batten of 4 cm on a wall, as the frame of a mirror is: the dark at its foot is as narrow all along it, not just where its own
+    /// vertices look; half-discs of dark would show where they do not. A mirror of 1.8 by 0.9 m that hangs as far before it leaves such a line, too.
+    #[test]
+    fn a_wall_is_as_fine_all_along_the_foot_of_what_is_low() {
+        // Both long sides, and the top.
+        let batten = (Vec3::new(-0.9, 0.0, 0.1), Vec3::new(0.9, 0.0, 0.03));
+        let beside_batten = beside(batten, |parts, white, low, high| {
+            let along = Vec3::X * 1.8;
+            parts.add_quad("side", white, low, along, Vec3::Y * HEIGHT);
+            parts.add_quad("other side", white, high, -along, Vec3::Y * HEIGHT);
+            parts.add_quad("top", white, low + Vec3::Y * HEIGHT, along, Vec3::Z * -0.07);
+        });
+        let mirror = (Vec3::new(-0.9, 0.0, 0.5), Vec3::new(0.9, 0.0, -0.4));
+        let beside_mirror = beside(mirror, |parts, white, low, _| {
+            parts.add_quad("mirror", white, low + Vec3::Y * HEIGHT, Vec3::X * 1.8, Vec3::Z * -0.9);
+        });
+        let all: [(&dyn Fn(Vec3) -> f32, _); 2] = [(&beside_batten, batten), (&beside_mirror, mirror)];
+        for (longest_at, (low, high)) in all {
+            for step in 0..60 {
+                let x = -0.88 + 1.76 * step as f32 / 59.0;
+                for z in [low.z + 0.5 * HEIGHT, high.z - 0.5 * HEIGHT] {
+                    let longest = longest_at(Vec3::new(x, 0.0, z));
+                    // Triangles that hold a detail are halved until edges are 1.2 times its size. Details lie `HEIGHT` apart; between two of them
+                    // there may be the half of one that is twice as large.
+                    assert!(longest < 2.0 * 1.2 * HEIGHT + 1e-4, "{longest} at {x}, {z}");
+                }
+            }
+            assert!(longest_at(Vec3::new(0.0, 0.0, 1.0)) > 0.5 * SPACING);
+        }
+        // Nobody sees what is behind the mirror.
+        assert!(beside_mirror(Vec3::new(0.1, 0.0, 0.05)) > 0.5 * SPACING);
     }
 
     #[test]

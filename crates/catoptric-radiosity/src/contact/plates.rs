@@ -41,6 +41,12 @@ pub(super) struct Plate {
     pub(super) height: f64,
 }
 
+/// The unit vector square to a segment, away from a point beside it.
+pub(super) fn outwards([a, b]: [DVec2; 2], inside: DVec2) -> DVec2 {
+    let across = (b - a).perp().normalize_or_zero();
+    if across.dot(inside - a) > 0.0 { -across } else { across }
+}
+
 /// Triangles (with the heights of their lowest corners), by what hangs together.
 pub(super) fn plates(triangles: &[([DVec2; 3], f64)], tolerance: f64) -> Vec<Plate> {
     let mut points = Points::new(tolerance);
