@@ -101,7 +101,7 @@ impl Record {
 
     /// Adds it to those of a pixel, unless they have enough at its place.
     pub(crate) fn add_to(self, own: &mut Vec<Self>) {
-        if own.iter().filter(|other| other.place == self.place).count() < MOST_OWN {
+        if own.iter().filter(|other| other.place == self.place).count() < MOST_KEPT {
             own.push(self);
         }
     }
@@ -185,6 +185,9 @@ const NEAR: [f32; 2] = [2.5, 0.75];
 const ENOUGH: usize = 5;
 /// Records of a pixel's own at a place, at most: where so many lie in no plane, further ones would not either.
 const MOST_OWN: usize = 24;
+/// … and so many that their mean is what the other samples have there, wherever that is: in a rim that shows half of the room, no two are near to
+/// each other, and of thousands of samples that look for the spark of a lamp each would ask for its own light of lamps.
+const MOST_KEPT: usize = 64;
 /// What records may lie off it, relative to all light that arrives, for each of [`NEAR`]; …
 const OFF: [f32; 2] = [0.02, 0.05];
 /// … and in deviations.
@@ -196,9 +199,13 @@ const FLAT: f32 = 0.1;
 const THIN: f32 = 1e-3;
 
 impl Around<'_> {
-    /// What is wanted, by a plane through the records nearby, the pixel's `own` among them. `None` where these are few, or not in one.
+    /// What is wanted, by a plane through the records nearby, the pixel's `own` among them. `None` where these are few, or not in one, unless
+    /// the pixel has many there.
     pub(crate) fn recall(&self, own: &[Record], request: &Request) -> Option<SourceLight> {
         let count = own.iter().filter(|record| record.place.serves(&request.place)).count();
+        if count >= MOST_KEPT {
+            return Some(mean(own, request));
+        }
         if !(self.own..MOST_OWN).contains(&count) {
             return None;
         }
@@ -264,6 +271,18 @@ impl Around<'_> {
             SourceLight { direct, mirrored }
         })
     }
+}
+
+/// The mean of the records that serve a request, of which there are some.
+fn mean(records: &[Record], request: &Request) -> SourceLight {
+    let serving = || records.iter().filter(|record| record.place.serves(&request.place));
+    let share = 1.0 / serving().count() as f32;
+    let [direct, mirrored] = [0, 1].map(|term| {
+        let irradiance = serving().map(|record| record.irradiance[term]).sum::<Rgb>() * share;
+        let is_grainy = serving().any(|record| record.deviation[term] > 0.0);
+        Part { irradiance, unoccluded: irradiance, penumbra: is_grainy, ..Part::default() }
+    });
+    SourceLight { direct, mirrored }
 }
 
 #[cfg(test)]
@@ -357,10 +376,27 @@ mod tests {
         assert!(around(&even, [4, 4], 0).recall(&[dark], &expected).is_none());
         assert!(around(&even, [4, 4], 2).recall(&[lit], &expected).is_none());
         assert!(around(&even, [4, 4], 2).recall(&[lit; 2], &expected).is_some());
+        assert!(around(&even, [4, 4], 2).recall(&[lit; MOST_OWN], &expected).is_none());
+    }
+
+    #[test]
+    fn a_pixel_that_has_asked_often_at_a_place_takes_the_mean() {
+        let request = request([4.3, 4.5], 4.0);
         let mut own = Vec::new();
-        (0..2 * MOST_OWN).for_each(|_| lit.add_to(&mut own));
-        assert_eq!(own.len(), MOST_OWN);
-        assert!(around(&even, [4, 4], 2).recall(&own, &expected).is_none());
+        for index in 0..2 * MOST_KEPT {
+            // A shadow's edge: every other one is dark. What comes late is not kept.
+            let light = if index < MOST_KEPT { (index % 2) as f32 } else { 9.0 };
+            let is_asked = around(&Records::default(), [4, 4], 2).recall(&own, &request).is_none();
+            assert_eq!(is_asked, index < MOST_KEPT);
+            Record::of(&request, &found(light)).add_to(&mut own);
+        }
+        assert_eq!(own.len(), MOST_KEPT);
+        let recalled = around(&Records::default(), [4, 4], 2).recall(&own, &request).expect("there are many");
+        for (part, expected) in [(recalled.direct, 0.5), (recalled.mirrored, 2.5)] {
+            assert_eq!(part.irradiance, Rgb::new(expected, 0.5 * expected, 2.0));
+        }
+        let elsewhere = Request { place: Place { facet: 2, ..request.place }, ..request };
+        assert!(around(&Records::default(), [4, 4], 2).recall(&own, &elsewhere).is_none());
     }
 
     #[test]
