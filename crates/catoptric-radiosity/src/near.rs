@@ -333,16 +333,13 @@ mod tests {
         assert!(draft.vertices.iter().any(|v| v.position.distance(high) < 1e-5), "a vertex at its corner");
     }
 
-    /// A wall of 4 m with what `build` puts on it from `low` to `high`, and the longest edge of what holds a place of it, in the mesh of the gathers.
-    fn beside(
-        (low, high): (Vec3, Vec3),
-        build: impl FnOnce(&mut SceneParts, MaterialId, Vec3, Vec3),
-    ) -> impl Fn(Vec3) -> f32 {
+    /// A wall of 4 m with what `build` puts on it: the longest edge of what holds a place of the wall, in the mesh of the gathers.
+    fn on_wall(build: impl FnOnce(&mut SceneParts, MaterialId)) -> impl Fn(Vec3) -> f32 {
         let mut parts = SceneParts::default();
         let white = parts.add_material(Material::lambertian("white", Rgb::splat(0.5)));
         let corner = Vec3::new(-2.0, 0.0, 2.0);
         parts.add_quad("wall", white, corner, Vec3::X * 4.0, Vec3::Z * -4.0);
-        build(&mut parts, white, low, high);
+        build(&mut parts, white);
         let scene = Scene::new(parts).expect("a valid scene");
         let tracer = Tracer::new(&scene);
         let lattice = Lattice::even(SPACING);
@@ -355,8 +352,8 @@ mod tests {
         let corners = |leaf: &crate::draft::Leaf| leaf.vertices.map(|v| draft.vertices[v as usize].position);
         let leaves: Vec<[Vec3; 3]> = draft.leaves.iter().map(corners).collect();
         move |place: Vec3| {
-            let on_wall = |c: &&[Vec3; 3]| c.iter().all(|p| p.y == 0.0) && is_inside(place, **c);
-            let [a, b, c] = *leaves.iter().find(on_wall).expect("the wall has no hole");
+            let is_there = |c: &&[Vec3; 3]| c.iter().all(|p| p.y == 0.0) && is_inside(place, **c);
+            let [a, b, c] = *leaves.iter().find(is_there).expect("the wall has no hole");
             (b - a).length().max((c - b).length()).max((a - c).length())
         }
     }
@@ -371,19 +368,19 @@ mod tests {
     #[test]
     fn a_wall_is_as_fine_all_along_the_foot_of_what_is_low() {
         // Both long sides, and the top.
-        let batten = (Vec3::new(-0.9, 0.0, 0.1), Vec3::new(0.9, 0.0, 0.03));
-        let beside_batten = beside(batten, |parts, white, low, high| {
-            let along = Vec3::X * 1.8;
-            parts.add_quad("side", white, low, along, Vec3::Y * HEIGHT);
-            parts.add_quad("other side", white, high, -along, Vec3::Y * HEIGHT);
-            parts.add_quad("top", white, low + Vec3::Y * HEIGHT, along, Vec3::Z * -0.07);
+        let (along, up) = (Vec3::X * 1.8, Vec3::Y * HEIGHT);
+        let batten = [Vec3::new(-0.9, 0.0, 0.1), Vec3::new(0.9, 0.0, 0.03)];
+        let beside_batten = on_wall(|parts, white| {
+            parts.add_quad("side", white, batten[0], along, up);
+            parts.add_quad("other side", white, batten[1], -along, up);
+            parts.add_quad("top", white, batten[0] + up, along, Vec3::Z * -0.07);
         });
-        let mirror = (Vec3::new(-0.9, 0.0, 0.5), Vec3::new(0.9, 0.0, -0.4));
-        let beside_mirror = beside(mirror, |parts, white, low, _| {
-            parts.add_quad("mirror", white, low + Vec3::Y * HEIGHT, Vec3::X * 1.8, Vec3::Z * -0.9);
+        let mirror = [Vec3::new(-0.9, 0.0, 0.5), Vec3::new(0.9, 0.0, -0.4)];
+        let beside_mirror = on_wall(|parts, white| {
+            parts.add_quad("mirror", white, mirror[0] + up, along, Vec3::Z * -0.9);
         });
-        let all: [(&dyn Fn(Vec3) -> f32, _); 2] = [(&beside_batten, batten), (&beside_mirror, mirror)];
-        for (longest_at, (low, high)) in all {
+        let both: [(&dyn Fn(Vec3) -> f32, _); 2] = [(&beside_batten, batten), (&beside_mirror, mirror)];
+        for (longest_at, [low, high]) in both {
             for step in 0..60 {
                 let x = -0.88 + 1.76 * step as f32 / 59.0;
                 for z in [low.z + 0.5 * HEIGHT, high.z - 0.5 * HEIGHT] {

@@ -183,10 +183,11 @@ const RING: usize = 2;
 const NEAR: [f32; 2] = [2.5, 0.75];
 /// Records through which a plane may be laid: one that three decide tells nothing.
 const ENOUGH: usize = 5;
-/// Records of a pixel's own at a place, at most: where so many lie in no plane, further ones would not either.
+/// Records of a pixel's own at a place from which on no plane is laid through them: where so many lie in none, further ones would not either.
 const MOST_OWN: usize = 24;
 /// … and so many that their mean is what the other samples have there, wherever that is: in a rim that shows half of the room, no two are near to
-/// each other, and of thousands of samples that look for the spark of a lamp each would ask for its own light of lamps.
+/// each other, and of thousands of samples that look for the spark of a lamp each would ask for its own light of lamps. (The mean is off by an eighth of
+/// what they differ by, 64^-½; pixels that need no more samples than that ask as ever.)
 const MOST_KEPT: usize = 64;
 /// What records may lie off it, relative to all light that arrives, for each of [`NEAR`]; …
 const OFF: [f32; 2] = [0.02, 0.05];
