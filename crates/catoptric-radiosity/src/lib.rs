@@ -34,6 +34,7 @@ pub mod reconstruct;
 pub mod refine;
 pub mod rows;
 pub mod sharing;
+mod sky_shares;
 mod sliver;
 pub mod solve;
 pub mod solver;

@@ -274,7 +274,7 @@ pub fn solve(tracer: &Tracer, params: &SolveParams, progress: &dyn Progress) -> 
     // Light that sources send, refined where it varies.
     progress.begin("sources", params.sources.max_vertices as u64);
     let base_vertices = draft.vertices.len();
-    let field = SourceField::new(&lights, params, base_vertices);
+    let field = SourceField::new(&lights, params, &draft, spacing);
     let budget = SHARED_PER_TRIANGLE * params.base_triangles;
     let sharing = Sharing::new(tracer, &draft, spacing, SOURCE_CELL * spacing, Covers::Part, budget, &[]);
     let mut values = Values::new(sharing);

@@ -19,6 +19,7 @@ use crate::draft::Draft;
 use crate::field::{Field, Found, Known, Look, mean};
 use crate::fit::{FitMesh, FitParams, FitSample, FitTerm, fit, variance_of_halves};
 use crate::inset::drawn_inside;
+use crate::sky_shares::SkyShares;
 use crate::solve::SolveParams;
 
 /// Light of sources at a vertex.
@@ -81,8 +82,7 @@ struct Views {
 pub(crate) struct SourceField<'a> {
     lights: &'a Lights<'a>,
     params: &'a SolveParams,
-    /// Share of the samples that the sky gets.
-    sky_share: f32,
+    sky_shares: SkyShares,
     /// Buffers that no thread uses just now.
     scratch: Mutex<Vec<Scratch>>,
     found: Mutex<Vec<(u32, SourceLight)>>,
@@ -93,12 +93,12 @@ pub(crate) struct SourceField<'a> {
 }
 
 impl<'a> SourceField<'a> {
-    /// For a base mesh of so many vertices.
-    pub(crate) fn new(lights: &'a Lights<'a>, params: &'a SolveParams, vertices: usize) -> Self {
+    /// For a base mesh with about such edges, metres.
+    pub(crate) fn new(lights: &'a Lights<'a>, params: &'a SolveParams, draft: &Draft, spacing: f32) -> Self {
         Self {
             lights,
             params,
-            sky_share: (MANY_VERTICES / vertices.max(1) as f32).clamp(LEAST_SHARE, 1.0),
+            sky_shares: SkyShares::new(draft, spacing),
             scratch: Mutex::default(),
             found: Mutex::default(),
             fresh: Mutex::default(),
@@ -123,7 +123,7 @@ impl<'a> SourceField<'a> {
     fn skylight(
         &self,
         receiver: &Receiver,
-        samples: u32,
+        (samples, share): (u32, f32),
         lamps: Rgb,
         around: &[u32],
         key: Key,
@@ -133,7 +133,7 @@ impl<'a> SourceField<'a> {
             let skies = around.iter().filter_map(|&v| views.get(v as usize)?.as_ref()?.sky);
             SkyView::beside(receiver.normal, skies)
         });
-        let samples = ((samples as f32 * self.sky_share) as u32).max(1);
+        let samples = ((samples as f32 * share) as u32).max(1);
         self.lights.skylight(receiver, samples, lamps, beside.as_ref(), key.child(SKY), scratch)
     }
 
@@ -160,7 +160,7 @@ impl<'a> SourceField<'a> {
         &self,
         receiver: &Receiver,
         (known, between): (Known, bool),
-        look: Look,
+        (look, sky_share): (Look, f32),
         key: Key,
     ) -> (SourceLight, Views) {
         let mut scratch = self.take_scratch();
@@ -177,14 +177,18 @@ impl<'a> SourceField<'a> {
             let lamps = light.direct + light.mirrored;
             let sky = match known {
                 Known::Nothing => {
-                    let closely = self.sky_share > CLOSE_SHARE;
+                    let closely = sky_share > CLOSE_SHARE;
                     Some(self.lights.look_at_sky(receiver, closely, key.child(SKY + 1), &mut scratch))
                 }
                 Known::NotYet => None,
-                Known::At(around) => {
-                    let samples = self.params.shadow_rays;
-                    Some(self.skylight(receiver, samples, lamps, around, key, &mut scratch))
-                }
+                Known::At(around) => Some(self.skylight(
+                    receiver,
+                    (self.params.shadow_rays, sky_share),
+                    lamps,
+                    around,
+                    key,
+                    &mut scratch,
+                )),
             };
             light.sky = sky.map_or(Rgb::ZERO, |sky| sky.irradiance);
             light.noise[2] = sky.map_or(0.0, |sky| sky.variance);
@@ -244,7 +248,8 @@ impl Field for SourceField<'_> {
         let receiver = draft.receiver(self.lights.tracer(), vertex);
         let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(vertex));
         let between = !matches!(known, Known::At(around) if around.contains(&vertex));
-        let (light, views) = self.light(&receiver, (known, between), look, key);
+        let (light, views) =
+            self.light(&receiver, (known, between), (look, self.sky_shares.at(draft, vertex)), key);
         if self.learns()
             && let Ok(mut fresh) = self.fresh.lock()
         {
@@ -288,14 +293,12 @@ impl Field for SourceField<'_> {
     fn evaluate_inside(&self, draft: &Draft, leaf: u32, look: Look) -> Rgb {
         let receiver = draft.receiver_in_leaf(self.lights.tracer(), leaf, [1.0 / 3.0; 3]);
         let key = Key::new(self.params.seed, Purpose::Emitter, u64::from(leaf) | 1 << 44);
-        let known = Known::At(&draft.leaves[leaf as usize].vertices);
-        self.light(&receiver, (known, true), look, key).0.sum()
+        let leaf = &draft.leaves[leaf as usize];
+        let share = self.sky_shares.beside(draft.longest_edge(leaf));
+        self.light(&receiver, (Known::At(&leaf.vertices), true), (look, share), key).0.sum()
     }
 }
 
-/// Base vertices from which on each gets less of the samples for the sky, and the least share.
-const MANY_VERTICES: f32 = 50_000.0;
-const LEAST_SHARE: f32 = 0.25;
 /// Share below which vertices are so near to each other that coarser looks do.
 const CLOSE_SHARE: f32 = 0.5;
 
@@ -492,7 +495,9 @@ impl SourceField<'_> {
                 let around = element.vertices.map(|v| displayed.origin[v as usize]);
                 let sky = if lights.has_skylight() {
                     let lamps = direct + mirrored;
-                    self.skylight(&receiver, count, lamps, &around, key, scratch).irradiance
+                    let leaf = &draft.leaves[displayed.leaves[point.element as usize] as usize];
+                    let share = self.sky_shares.beside(draft.longest_edge(leaf));
+                    self.skylight(&receiver, (count, share), lamps, &around, key, scratch).irradiance
                 } else {
                     Rgb::ZERO
                 };

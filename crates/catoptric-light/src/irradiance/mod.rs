@@ -80,7 +80,8 @@ pub struct Scratch {
     fan: Vec<f64>,
     suspects: Suspects,
     remainder: Remainder,
-    sky: Cells,
+    /// For many samples, and for few.
+    sky: [Cells; 2],
     waiting: Waiting,
     pub(crate) targets: Vec<Vec3>,
     /// Over which light may be seen.
