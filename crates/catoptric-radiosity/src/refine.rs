@@ -94,7 +94,8 @@ fn halve(
             length > params.min_edge && (round > 0 || length > params.short_edge || differs())
         });
         let room = params.max_vertices.saturating_sub(active.iter().filter(|&&used| used).count());
-        most_promising(&mut candidates, room, |&edge| promise(draft, &values.values, edge, floor));
+        let promise = |&edge: &(u32, u32)| (promise(draft, &values.values, edge, floor), edge);
+        candidates = most_promising(candidates.par_iter().with_min_len(1024).map(promise).collect(), room);
         // Both ends dark and the whole face dark: still look, a light patch may lie between.
         draft.make_midpoints(tracer, &candidates);
         values.extend(draft, field, params, progress)?;
@@ -148,20 +149,13 @@ const HIDDEN: f32 = 0.1;
 /// Keeps so many in their order, those that promise most: no more looks than there is room for vertices, of which one in four is split, and
 /// that finds nearly all that is worth it. (A model of 99 thousand triangles: 79 thousand looks instead of 252 thousand find 53 of 58 thousand
 /// edges to split, of which there is room for 20; the least of these costs 4 % less.)
-fn most_promising<T: Copy + Ord + Send + Sync>(
-    all: &mut Vec<T>,
-    count: usize,
-    promise: impl Fn(&T) -> f32 + Sync,
-) {
-    if all.len() <= count {
-        return;
+pub(crate) fn most_promising<T: Copy + Ord + Send>(mut ranked: Vec<(f32, T)>, count: usize) -> Vec<T> {
+    if ranked.len() > count {
+        ranked.par_sort_unstable_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
+        ranked.truncate(count);
+        ranked.par_sort_unstable_by(|x, y| x.1.cmp(&y.1));
     }
-    let mut ranked: Vec<(f32, T)> =
-        all.par_iter().with_min_len(1024).map(|one| (promise(one), *one)).collect();
-    ranked.par_sort_unstable_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
-    ranked.truncate(count);
-    *all = ranked.into_iter().map(|(_, one)| one).collect();
-    all.par_sort_unstable();
+    ranked.into_iter().map(|(_, one)| one).collect()
 }
 
 /// Whether the ends of an edge differ by what would not be left alone in its middle.
@@ -220,9 +214,9 @@ fn test_inside(
         let fine = if shared { 2.0 * values.sharing.cell() } else { 0.0 };
         u32::from(leaf.level) >= round && draft.longest_edge(leaf) > params.inside_edge.max(fine)
     };
-    let mut long: Vec<u32> =
-        (0..draft.leaves.len() as u32).into_par_iter().with_min_len(1024).filter(is_long).collect();
-    most_promising(&mut long, room, |&index| draft.longest_edge(&draft.leaves[index as usize]));
+    let leaves = (0..draft.leaves.len() as u32).into_par_iter().with_min_len(1024);
+    let promise = |index: u32| (draft.longest_edge(&draft.leaves[index as usize]), index);
+    let long = most_promising(leaves.filter(is_long).map(promise).collect(), room);
     let test = |index: u32| {
         let leaf = &draft.leaves[index as usize];
         let vertices = leaf.vertices;
@@ -280,15 +274,11 @@ mod tests {
 
     #[test]
     fn those_that_promise_most_are_kept_in_their_order() {
-        let mut few = vec![1, 2, 3];
-        most_promising(&mut few, 3, |_| 0.0);
-        assert_eq!(few, [1, 2, 3]);
-        let mut all: Vec<u32> = (0..8).collect();
-        most_promising(&mut all, 3, |&i| if i % 3 == 1 { 1.0 } else { 0.1 * i as f32 });
-        assert_eq!(all, [1, 4, 7]);
+        assert_eq!(most_promising(vec![(0.0, 1), (2.0, 2), (1.0, 3)], 3), [1, 2, 3]);
+        let all = (0..8).map(|i| (if i % 3 == 1 { 1.0 } else { 0.1 * i as f32 }, i)).collect();
+        assert_eq!(most_promising(all, 3), [1, 4, 7]);
         // Of those that promise the same, the first ones.
-        most_promising(&mut all, 2, |_| 1.0);
-        assert_eq!(all, [1, 4]);
+        assert_eq!(most_promising(vec![(1.0, 1), (1.0, 4), (1.0, 7)], 2), [1, 4]);
     }
 
     #[test]

@@ -155,6 +155,8 @@ fn power(solution: &Solution, at: impl Fn(usize) -> f32) -> f64 {
 
 /// Rays that tell what should arrive.
 const RAYS: u32 = 1 << 17;
+/// Solutions of which the mean is compared.
+const SEEDS: u32 = 8;
 
 /// Shares of what a light sends that arrive on the walls straight and over one tile: from rays of the light, `start` of which each.
 fn traced(scene: &Scene, start: impl Fn(u32) -> Ray) -> [f64; 2] {
@@ -186,8 +188,9 @@ fn lobe(n: f32, u: Vec2) -> Vec3 {
 
 /// The spots on the walls have sharp edges: no mesh holds them, but all of their power is stored.
 ///
-/// Rays are stratified: √N of N are noise at most, a quarter of a per cent; what is stored is a fit to points, ten thousand or more of
-/// them in some forty spots: half a per cent each of what differs, and the spots are half of the light.
+/// Rays are stratified: √N of N are noise at most, a quarter of a per cent. What is stored is a fit to points, a hundred or two in each of
+/// some forty spots of a draft, whose edges pass between them: it deviates by 0.7 % over seeds (a standard solution by 0.2 %), the mean of
+/// eight by a quarter of a per cent. Three deviations of both together are 1.1 %, and less is asked for.
 #[test]
 fn no_light_of_a_spot_is_lost() {
     let scene = with_light(PunctualKind::Lobe { exponent: EXPONENT });
@@ -197,11 +200,14 @@ fn no_light_of_a_spot_is_lost() {
         traced(&scene, |index| Ray { origin: LIGHT, direction: direction(index), from: PlaneId::NONE });
     assert!(mirrored > 0.5 * direct, "{mirrored} {direct}");
     let tracer = Tracer::new(&scene);
+    let sent = f64::from(2.0 * PI / (EXPONENT + 1.0));
     for quality in [Quality::Draft, Quality::Standard] {
-        let params = SolveParams::for_quality(quality);
-        let solution = solve(&tracer, &params, &Silent).expect("nobody stops it").solution;
-        let sent = f64::from(2.0 * PI / (EXPONENT + 1.0));
-        let ratio = power(&solution, |v| solution.punctual[v].x) / (sent * (direct + mirrored));
+        let ratio = |seed| {
+            let params = SolveParams { seed, ..SolveParams::for_quality(quality) };
+            let solution = solve(&tracer, &params, &Silent).expect("nobody stops it").solution;
+            power(&solution, |v| solution.punctual[v].x) / (sent * (direct + mirrored))
+        };
+        let ratio = (0..SEEDS).map(ratio).sum::<f64>() / f64::from(SEEDS);
         assert!((ratio - 1.0).abs() < 0.008, "{quality:?}: {ratio}");
     }
 }

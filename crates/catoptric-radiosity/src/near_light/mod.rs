@@ -21,6 +21,7 @@ use crate::display::Displayed;
 use crate::draft::{Draft, edge};
 use crate::near::Near;
 use crate::patch::PatchMesh;
+use crate::refine::most_promising;
 use crate::sharing::Sharing;
 
 use look::{Seen, Surplus};
@@ -145,6 +146,11 @@ impl NearLight<'_> {
         let mut candidates = draft.edges();
         let mut active = draft.active_vertices();
         for _ in 0..params.rounds {
+            // Each edge makes two triangles, and its neighbours are halved.
+            let room = limit.saturating_sub(draft.leaves.len());
+            if room < 3 {
+                break;
+            }
             let is_far = |v: u32, length: f32| {
                 distances.get(v as usize).is_some_and(|&distance| length <= params.ratio * distance)
             };
@@ -161,7 +167,7 @@ impl NearLight<'_> {
                     || !(is_far(a, length) && is_far(b, length))
             };
             let near = candidates.iter().copied().filter(is_near).collect();
-            let mut marks = self.bent(draft, near, &spills, &mut known, params);
+            let mut marks = self.bent(draft, near, room, &spills, &mut known, params);
             if !places.is_empty() {
                 let left_alone = |draft: &Draft, ends: (u32, u32), there: f32| {
                     self.tolerance(draft, ends, params) * (there + params.floor * self.mean)
@@ -172,12 +178,12 @@ impl NearLight<'_> {
                 marks.sort_by(|x, y| x.1.cmp(&y.1).then(y.0.total_cmp(&x.0)));
                 marks.dedup_by_key(|mark| mark.1);
             }
-            // What shows most first: each edge makes two triangles, and its neighbours are halved.
+            // What shows most first.
             for (excess, ends) in &mut marks {
                 *excess *= draft.length(*ends).powi(2);
             }
             marks.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
-            marks.truncate(limit.saturating_sub(draft.leaves.len()) / 3);
+            marks.truncate(room / 3);
             if marks.is_empty() {
                 break;
             }
@@ -207,11 +213,13 @@ impl NearLight<'_> {
         params.tolerance * (WIDE * self.spacing / draft.length(ends)).max(1.0).sqrt()
     }
 
-    /// The edges in whose middle light is not what their ends foretell, with the difference as a multiple of what is left alone.
+    /// The edges in whose middle light is not what their ends foretell, with the difference as a multiple of what is left alone. Where more
+    /// edges may be such than there is `room` for triangles, those are looked at that promise most by their ends.
     fn bent(
         &self,
         draft: &mut Draft,
-        mut candidates: Vec<(u32, u32)>,
+        candidates: Vec<(u32, u32)>,
+        room: usize,
         spills: &[f32],
         known: &mut Known,
         params: &NearLightParams,
@@ -221,18 +229,24 @@ impl NearLight<'_> {
         let is_spill = |a: u32, b: u32| spills[a as usize].min(spills[b as usize]) < f32::INFINITY;
         let ends = |candidates: &[(u32, u32)]| candidates.iter().flat_map(|&(a, b)| [a, b]).collect();
         self.look(draft, ends(&candidates), FEW_RAYS, &mut known.seen);
-        candidates.retain(|&(a, b)| {
-            let [Some(one), Some(other)] = [a, b].map(|v| known.seen(v)) else { return false };
+        let promise = |&(a, b): &(u32, u32)| {
+            let [one, other] = [known.seen(a)?, known.seen(b)?];
             // Where the ends agree, so does the middle, but for what is smaller than the edge and before neither.
             let shown = 0.5
                 * (known.light[a as usize] + known.light[b as usize] + one.total() + other.total())
                 + floor;
             let difference = one.difference(other) / shown;
             let ratio = params.ratio * (STARK / difference).min(1.0);
-            is_spill(a, b)
-                || difference > self.tolerance(draft, (a, b), params)
-                    && draft.length((a, b)) > ratio * one.distance.min(other.distance)
-        });
+            let (length, tolerance) = (draft.length((a, b)), self.tolerance(draft, (a, b), params));
+            if is_spill(a, b) {
+                return Some(f32::INFINITY);
+            }
+            let may_bend = difference > tolerance && length > ratio * one.distance.min(other.distance);
+            may_bend.then_some(difference / tolerance * length * length)
+        };
+        let promised: Vec<(f32, (u32, u32))> =
+            candidates.iter().filter_map(|edge| Some((promise(edge)?, *edge))).collect();
+        let candidates = most_promising(promised, room);
         draft.make_midpoints(self.tracer, &candidates);
         let middles: Vec<u32> = candidates.iter().map(|&(a, b)| draft.midpoint(self.tracer, a, b)).collect();
         known.fill(draft);
