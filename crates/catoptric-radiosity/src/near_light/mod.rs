@@ -231,6 +231,9 @@ impl NearLight<'_> {
         self.look(draft, ends(&candidates), FEW_RAYS, &mut known.seen);
         let promise = |&(a, b): &(u32, u32)| {
             let [one, other] = [known.seen(a)?, known.seen(b)?];
+            if is_spill(a, b) {
+                return Some(f32::INFINITY);
+            }
             // Where the ends agree, so does the middle, but for what is smaller than the edge and before neither.
             let shown = 0.5
                 * (known.light[a as usize] + known.light[b as usize] + one.total() + other.total())
@@ -238,9 +241,6 @@ impl NearLight<'_> {
             let difference = one.difference(other) / shown;
             let ratio = params.ratio * (STARK / difference).min(1.0);
             let (length, tolerance) = (draft.length((a, b)), self.tolerance(draft, (a, b), params));
-            if is_spill(a, b) {
-                return Some(f32::INFINITY);
-            }
             let may_bend = difference > tolerance && length > ratio * one.distance.min(other.distance);
             may_bend.then_some(difference / tolerance * length * length)
         };
