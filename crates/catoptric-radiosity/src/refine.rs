@@ -142,8 +142,8 @@ fn halve(
     Ok(())
 }
 
-/// Relative difference in the middle of an edge that its ends do not tell of: among more edges than can be looked at, those of which
-/// they tell half of that come first if they are two thirds as long.
+/// Relative difference in the middle of an edge that its ends do not tell of. (Among more edges than can be looked at, one whose ends differ by
+/// a tenth comes before one whose ends agree, if it is at least two thirds as long.)
 const HIDDEN: f32 = 0.1;
 
 /// Keeps so many in their order, those that promise most: no more looks than there is room for vertices, of which one in four is split, and
@@ -166,16 +166,19 @@ pub(crate) fn shows(
     floor: f32,
     params: &RefineParams,
 ) -> bool {
-    let [p, q] = [edge.0, edge.1].map(|v| values[v as usize]);
-    let light = (p + q) * 0.5 + Rgb::splat(floor.max(f32::MIN_POSITIVE));
-    cost(((q - p).abs() * 0.5 / light).max_element(), draft.length(edge)) > params.blur * params.blur
+    cost(half_difference(values, edge, floor), draft.length(edge)) > params.blur * params.blur
 }
 
 /// What an edge may cost by what is known of it: its ends differ, or something is between them all the same.
 fn promise(draft: &Draft, values: &[Rgb], edge: (u32, u32), floor: f32) -> f32 {
-    let [p, q] = [edge.0, edge.1].map(|v| values[v as usize]);
+    cost(half_difference(values, edge, floor) + HIDDEN, draft.length(edge))
+}
+
+/// Half of what the ends of an edge differ by, relative to the light there.
+fn half_difference(values: &[Rgb], (a, b): (u32, u32), floor: f32) -> f32 {
+    let [p, q] = [a, b].map(|v| values[v as usize]);
     let light = (p + q) * 0.5 + Rgb::splat(floor.max(f32::MIN_POSITIVE));
-    cost(((q - p).abs() * 0.5 / light).max_element() + HIDDEN, draft.length(edge))
+    ((q - p).abs() * 0.5 / light).max_element()
 }
 
 /// What a triangle costs whose corners and middle differ by what is not left alone.

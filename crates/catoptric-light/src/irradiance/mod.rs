@@ -80,8 +80,7 @@ pub struct Scratch {
     fan: Vec<f64>,
     suspects: Suspects,
     remainder: Remainder,
-    /// For many samples, and for few.
-    sky: [Cells; 2],
+    sky: Cells,
     waiting: Waiting,
     pub(crate) targets: Vec<Vec3>,
     /// Over which light may be seen.

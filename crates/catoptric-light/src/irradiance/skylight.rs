@@ -212,10 +212,9 @@ impl Lights<'_> {
         let Some(sky) = self.tracer.scene().sky().filter(|_| self.has_skylight()) else {
             return Skylight::nothing(receiver);
         };
-        let are_few = samples < FEW_SAMPLES;
-        let side = if are_few { COARSE_OF_FEW } else { COARSE };
-        let mut cells = std::mem::take(&mut scratch.sky[usize::from(are_few)]);
+        let mut cells = std::mem::take(&mut scratch.sky);
         let mut hemisphere = Hemisphere::new(self, sky, receiver, scratch);
+        let side = if samples < FEW_SAMPLES { COARSE_OF_FEW } else { COARSE };
         let mut count =
             Count { key, drawn: 0, seen: 0, finest: side << LEVELS, found: Skylight::nothing(receiver) };
         cells.begin(side, beside, &mut hemisphere, &mut count);
@@ -224,7 +223,7 @@ impl Lights<'_> {
         if beside.is_none() || !cells.count_open(uncertain, known, &mut hemisphere, &mut count) {
             cells.quarter(beside, uncertain, known, &mut hemisphere, &mut count);
         }
-        scratch.sky[usize::from(are_few)] = cells;
+        scratch.sky = cells;
         count.found
     }
 }
